@@ -1,4 +1,4 @@
-"""What laws of grey leave: frames, bands of rows and blocks that differ from pair to pair by more than within one."""
+"""Tests of the intensity residual: differences of frames, row bands and blocks between pairs beyond those within pairs."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from semlive.diagnose.intensity.time_series import OUTLIER_FACTOR, IntensityTime
 
 Array = NDArray[np.float64]
 BLUR_WEIGHT = 0.3
-"""Of a contrast that a square pixel of blur takes, at the waves that patterns have."""
+"""Fraction of the contrast removed by a blur of 1 px^2, at typical wavelengths of a pattern."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResidualTest:
-    """A test of what is left.
+    """One residual test.
 
     Attributes:
-        what: frames, bands or blocks.
-        p_value: of its own.
-        levels: size of what is left, root mean square, grey levels.
+        what: tested quantity: frames, bands or blocks.
+        p_value: p-value of this test alone.
+        levels: root mean square of the residual, grey levels.
     """
 
     what: str
@@ -33,7 +33,7 @@ class ResidualTest:
 
 
 def residual_tests(time_series: IntensityTimeSeries, intensity_models: Sequence[IntensityModel] = ()) -> tuple[ResidualTest, ...]:
-    """The three tests, beside laws that the baseline has."""
+    """The three tests, with models included in the fit."""
     white = IntensityRegression(time_series, tuple(intensity_models)).residual()
     freedom = sum(len(intensity_model.columns) for intensity_model in intensity_models)
     return (
@@ -44,7 +44,7 @@ def residual_tests(time_series: IntensityTimeSeries, intensity_models: Sequence[
 
 
 def _tone(time_series: IntensityTimeSeries, white: Array, part: slice, freedom: int) -> ResidualTest:
-    """Of frames' means or of how bands differ."""
+    """Test of the frame means, or of the differences between bands."""
     bands = time_series.value.shape[1]
     whole_frames = part.start == 0
     square, dof = 0.0, -freedom
@@ -67,7 +67,7 @@ def _tone(time_series: IntensityTimeSeries, white: Array, part: slice, freedom: 
 
 
 def _blocks(time_series: IntensityTimeSeries, intensity_models: Sequence[IntensityModel]) -> ResidualTest:
-    """Of blocks beyond their frame's tone; a frame in which the curve changed has two tones and is left out."""
+    """Test of the blocks beyond the tone of their frame; frames with a step have two tones and are left out."""
     steps = [intensity_model.at_s for intensity_model in intensity_models if intensity_model.at_s]
     whole_frames = np.array([not any(span[0, 0] <= at <= span[-1, 1] for at in steps) for span in time_series.span_s])
     local, pair = time_series.local[whole_frames], time_series.pair[whole_frames]

@@ -1,4 +1,4 @@
-"""Gain, gamma and offset of a change of the grey curve, from what it did to mean, gain and curvature."""
+"""Gain, gamma and offset of a change of the intensity curve, from its change of mean, gain and curvature."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from semlive.data.diagnosis.effects import ParameterEstimate
 Array = NDArray[np.float64]
 PRIOR_MEAN = np.array([1.0, 1.0, 0.0])
 PRIOR_SD = np.array([1.0, 1.0, 100.0])
-"""Standard deviations of gain, gamma and offset before the data: a pattern of two grey levels cannot tell three numbers."""
+"""Prior standard deviations of gain, gamma and offset: a pattern of two grey levels does not determine three parameters."""
 
 
 def curve_parameters(change: Array, covariance: Array, grey: Array) -> tuple[ParameterEstimate, ...]:
-    """I -> 255 a (I / 255)^g + b.
+    """Parameters a, g and b of I -> 255 a (I / 255)^g + b.
 
     Args:
-        change: (3,) of the mean in grey levels, of the gain, and of the curvature in grey levels at one contrast.
-        covariance: (3, 3) of it.
+        change: (3,) change of the mean, grey levels, of the gain, and of the curvature, grey levels at unit contrast.
+        covariance: (3, 3) covariance of the change.
         grey: (n,) grey levels of the pattern, without noise.
     """
     grey = np.clip(grey, 1.0, 254.0)

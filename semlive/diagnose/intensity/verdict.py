@@ -1,4 +1,4 @@
-"""The grey levels' verdict: contamination, defocus or another grey curve by their course over time, and flashes by their rows."""
+"""Verdict on the intensity: contamination, defocus or a changed intensity curve by their time series, and flashes by rows."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ from semlive.model.effects.intensity import CHARGING_JUMP, CONTAMINATION, DEFOCU
 Array = NDArray[np.float64]
 MAX_EFFECTS = 3
 TESTS = 4
-"""Three names and what has none."""
+"""Number of simultaneous tests: three effect classes and unnamed changes."""
 MIN_LEVELS = 0.3
-"""Real brightness wanders by so much, and a correlation that takes mean and contrast off each subset does not notice."""
+"""Smallest significant residual, grey levels: real brightness varies by this much, which does not affect ZNSSD correlation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SelectedModel:
-    """A law that was added, and what was said of it when it was."""
+    """A selected model with its statistics at the time of selection."""
 
     fit: IntensityFit
     rivals: tuple[str, ...]
 
 
 def diagnose_intensity(series: IntensityFrames, model_effects: Sequence[ModelEffect] = ()) -> IntensityDiagnosis:
-    """What grey levels show.
+    """Identify effects on the grey levels.
 
     Args:
-        series: of each frame.
-        model_effects: effects of grey levels that the model has already.
+        series: intensity data of all frames.
+        model_effects: intensity effects already in the model.
 
     Raises:
         IllPosed: there are too few pairs or blocks.
@@ -92,7 +92,7 @@ def diagnose_intensity(series: IntensityFrames, model_effects: Sequence[ModelEff
 
 
 def _given_models(time_series: IntensityTimeSeries, model_effects: Sequence[ModelEffect]) -> tuple[IntensityModel, ...]:
-    """Laws of what the model has: amplitudes are fitted anew."""
+    """Intensity models of given effects; their amplitudes are fitted again."""
     models: list[IntensityModel] = []
     for model_effect in model_effects:
         if model_effect.name == GAMMA_CHANGE.name:
@@ -103,7 +103,7 @@ def _given_models(time_series: IntensityTimeSeries, model_effects: Sequence[Mode
 
 
 def _most_likely_by_name(fits: Sequence[IntensityFit]) -> dict[str, IntensityFit]:
-    """Of each name the simplest law that is not much less likely than its others, which come later."""
+    """For each name, the simplest model that is not much less likely than later, more complex ones."""
     best_fits: dict[str, IntensityFit] = {}
     for fit in fits:
         previous = best_fits.get(fit.model.name)
@@ -146,7 +146,7 @@ def _verdict(
 def _effect(
     time_series: IntensityTimeSeries, series: IntensityFrames, intensity_models: Sequence[IntensityModel], fit: IntensityFit
 ) -> IdentifiedEffect:
-    """Its parameters beside all other laws that were found."""
+    """Identified effect with its parameters from a joint fit with all other models."""
     other_models = tuple(intensity_model for intensity_model in intensity_models if intensity_model is not fit.model)
     last = IntensityRegression(time_series, other_models).fit(fit.model)
     size, sigma = last.amplitudes, np.sqrt(np.diag(last.covariance))
@@ -172,7 +172,7 @@ def _effect(
 
 
 def _contamination_parameters(time_series: IntensityTimeSeries, fit: IntensityFit) -> list[ParameterEstimate]:
-    """Of the grey at the start of frame 0; what was fitted is a share of that of frame 1."""
+    """Parameters of contamination relative to the grey level at the start of frame 0; the fit is relative to frame 1."""
     lever = np.zeros(len(fit.amplitudes))
     lever[0] = 1.0
     if fit.model.kind == "slowing":
@@ -186,7 +186,7 @@ def _contamination_parameters(time_series: IntensityTimeSeries, fit: IntensityFi
 
 
 def _flash_effect(flashes_found: Sequence[Flash], rows: int) -> IdentifiedEffect:
-    """Of so many rows that were looked at."""
+    """Identified effect from all flashes, among the given number of rows."""
     levels = np.array([entry.levels for entry in flashes_found])
     weight = np.array([entry.sigma_levels for entry in flashes_found]) ** -2.0
     height = float(np.sum(weight * levels) / np.sum(weight))
@@ -202,7 +202,7 @@ def _flash_effect(flashes_found: Sequence[Flash], rows: int) -> IdentifiedEffect
 
 
 def _noise(pairs: Array) -> tuple[ParameterEstimate, ParameterEstimate]:
-    """Mean over pairs, and how well that is known from their scatter."""
+    """Noise parameters: mean over pairs, with standard uncertainty from their scatter."""
     count = len(pairs)
     mean = pairs.mean(axis=0) if count else np.full(2, np.nan)
     sigma = pairs.std(axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(2, np.nan)
@@ -213,7 +213,7 @@ def _noise(pairs: Array) -> tuple[ParameterEstimate, ParameterEstimate]:
 
 
 def _histories(time_series: IntensityTimeSeries, intensity_models: Sequence[IntensityModel]) -> tuple[IntensityHistory, ...]:
-    """Of frames; the laws' part is that of the fit of all together, with frame 1 as far off as its noise made it."""
+    """Quantities of each frame with their joint fit, which includes the offset by the noise of frame 1."""
     value = time_series.value.mean(axis=1)
     fitted = np.zeros_like(value)
     if intensity_models:

@@ -21,9 +21,8 @@ MIN_EXPLAINED_FRACTION = 0.5
 def held_out_row_misfit(series: Sequence[RowSeries], waves: Sequence[Wave], jitter: CommonRowVariance | None) -> HeldOutMisfit:
     """Misfit of each pair without and with effects fitted to other pairs and other segments of its rows.
 
-    The frequency of a wave is that of all pairs. Its amplitude and phase are fitted to every second segment and scored on the
-    others, and vice
-    versa. Effects random in every row are not predictable; for them the predicted variance is scored.
+    The frequency of a wave is that of all pairs. Its amplitude and phase are fitted to every second segment and scored on the others, and
+    vice versa. Effects random in every row are not predictable; for them the predicted variance is scored.
 
     Args:
         series: row series before correction for any effect.

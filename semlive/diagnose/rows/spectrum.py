@@ -15,11 +15,11 @@ from semlive.diagnose.rows.series import DETREND_ROWS, RowSeries
 
 Array = NDArray[np.float64]
 MAX_FREQUENCY_HZ = 200.0
-FREQUENCIES_PER_LINE_WIDTH = 3  # frequencies that are tried within a line's width
-BINS_PER_LINE_WIDTH = 4  # bins of the transform within a line's width, at least
-MIN_AMPLITUDE_FRACTION = 0.12  # of a wave's amplitude; a piece that averages more away shows nothing
-MIN_CYCLES_PER_ROW = 1.5 / DETREND_ROWS  # cycles per row below which the disparity map has it
-POWERS_PER_NOISE_LEVEL, MAX_NOISE_LEVELS = 200, 64  # powers from which a level of the noise is known, at least; levels at most
+FREQUENCIES_PER_LINE_WIDTH = 3  # tested frequencies within the width of a spectral line
+BINS_PER_LINE_WIDTH = 4  # minimum number of bins of the transform within the width of a line
+MIN_AMPLITUDE_FRACTION = 0.12  # smallest fraction of a wave's amplitude that remains in a segment
+MIN_CYCLES_PER_ROW = 1.5 / DETREND_ROWS  # slower waves are observed by the disparity maps
+POWERS_PER_NOISE_LEVEL, MAX_NOISE_LEVELS = 200, 64  # minimum number of powers per noise estimate; maximum number of estimates
 SIZES = 6
 EXPONENTIAL_MEDIAN = float(np.log(2.0))
 
@@ -40,16 +40,16 @@ class Spectrum:
 
     @property
     def total(self) -> Array:
-        """(m,) power of all pairs and axes: of noise alone Gamma(k)."""
+        """(m,) power summed over pairs and axes; Gamma(k) distributed for noise alone."""
         return np.asarray(self.power.sum(axis=0))
 
     def p_value(self, frequency: int) -> float:
-        """Share of pairs without a wave that show as much power anywhere (Bonferroni over all that was tried)."""
+        """Probability of at least this power at any tested frequency without a wave (Bonferroni)."""
         own = float(gammaincc(len(self.power), float(self.total[frequency])))
         return min(1.0, own * len(self.frequency_hz))
 
     def log_factors(self, sizes_px: tuple[float, float]) -> Array:
-        """(m,) logarithm of the Bayes factor of a wave of each frequency, its phases and amplitudes anew in every pair."""
+        """(m,) log Bayes factor of a wave at each frequency, with independent phases and amplitudes in every pair."""
         each = []
         for size_px in np.geomspace(*sizes_px, SIZES):
             gain = self.information * size_px**2
@@ -58,12 +58,12 @@ class Spectrum:
 
 
 def spectrum(series: Sequence[RowSeries], ratio: Array) -> Spectrum:
-    """Of waves of up to 200 Hz, as far as pieces of rows show them and maps do not.
+    """Spectrum of waves up to 200 Hz that row segments resolve and disparity maps do not.
 
     Args:
-        series: of each pair; rows may take another time in each.
-        ratio: (pairs, 2) mean square of the rows' means, in units of what noise gives: jitter would be a wave of every frequency that is
-            slow against a row, and is made as small as the noise.
+        series: row series of each pair; row times may differ.
+        ratio: (pairs, 2) mean square of the row means in units of that by noise. White jitter would contribute at every frequency below
+            the row frequency; it is scaled down to the noise.
     """
     longest_s = max(run_series.duration_s for run_series in series)
     candidates_hz = np.arange(1, int(MAX_FREQUENCY_HZ * FREQUENCIES_PER_LINE_WIDTH * longest_s)) / (FREQUENCIES_PER_LINE_WIDTH * longest_s)
@@ -104,7 +104,7 @@ def _powers(row_series: RowSeries, axis: int, frequency_hz: Array, ratio: float)
 
 
 def _level(power: Array, place: Array) -> Array:
-    """Noise at each of the powers: that of all aliases nearby, as interpolation between rows colours noise along them alone."""
+    """Noise level at each power, from neighbouring alias frequencies, because interpolation between rows colours the noise."""
     order = np.argsort(place, kind="stable")
     groups = np.array_split(order, int(np.clip(len(power) // POWERS_PER_NOISE_LEVEL, 1, MAX_NOISE_LEVELS)))
     median = np.array([np.median(power[value]) for value in groups])
@@ -114,14 +114,14 @@ def _level(power: Array, place: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wave:
-    """A wave that was found.
+    """An identified wave.
 
     Attributes:
-        frequency_hz: of it.
-        sigma_hz: standard uncertainty.
-        amplitude: (pairs, 2) complex, of each pair along x and y, px: second frame against first.
-        sigma_px: (pairs, 2) standard uncertainty of its sine and cosine.
-        frames: (pairs,) how many frames' waves each pair shows, in squares, phases being random.
+        frequency_hz: frequency, Hz.
+        sigma_hz: standard uncertainty of the frequency, Hz.
+        amplitude: (pairs, 2) complex amplitude of each pair along x and y, second frame minus first, px.
+        sigma_px: (pairs, 2) standard uncertainty of its sine and cosine, px.
+        frames: (pairs,) number of frames whose wave power each pair contains, for random phases.
     """
 
     frequency_hz: float
@@ -131,13 +131,13 @@ class Wave:
     frames: Array
 
     def moved(self, pair: int, row_series: RowSeries) -> Array:
-        """(2, n, s) what it shifts in a pair, as pieces show it."""
+        """(2, n, s) shift of the segments of a pair by the wave, px."""
         turning = np.exp(1j * row_series.phase(self.frequency_hz)) * row_series.observed_wave(self.frequency_hz)
         return np.stack([(self.amplitude[pair, axis] * turning).real for axis in (0, 1)])
 
 
 def refined(series: Sequence[RowSeries], spectrum_of_pairs: Spectrum, at: int) -> Wave:
-    """The wave at one of a spectrum's frequencies, between those that were tried."""
+    """Refine the wave at one frequency of a spectrum between the tested frequencies."""
     start = float(spectrum_of_pairs.frequency_hz[at])
     step = 1.0 / (FREQUENCIES_PER_LINE_WIDTH * max(run_series.duration_s for run_series in series))
     levels = _noise_of(series, spectrum_of_pairs, at)
@@ -153,7 +153,7 @@ def refined(series: Sequence[RowSeries], spectrum_of_pairs: Spectrum, at: int) -
 
 
 def fit_wave(series: Sequence[RowSeries], frequency_hz: float) -> Wave:
-    """A wave whose frequency is known; its amplitudes by least squares, their noise as registration states it."""
+    """A wave of given frequency: amplitudes by least squares, with the uncertainty of the row registration."""
     amplitude = np.stack([_amplitudes(run_series, frequency_hz) for run_series in series])
     observed = np.array([max(float(run_series.observed_wave(frequency_hz)), 1e-6) for run_series in series])
     weight = np.stack([np.maximum(run_series.weight.sum(axis=(1, 2)), 1e-30) for run_series in series])
@@ -169,13 +169,13 @@ def _noise_of(series: Sequence[RowSeries], spectrum_of_pairs: Spectrum, at: int)
 
 
 def _gain(series: Sequence[RowSeries], frequency_hz: float, sigma_px: Array) -> float:
-    """Logarithm of the likelihood that a wave of any amplitude gains."""
+    """Gain in log likelihood by a wave of any amplitude."""
     amplitude = np.stack([_amplitudes(run_series, frequency_hz) for run_series in series])
     return float(np.sum(np.abs(amplitude) ** 2 / (2.0 * sigma_px**2)))
 
 
 def _amplitudes(row_series: RowSeries, frequency_hz: float) -> NDArray[np.complex128]:
-    """(2,) complex, by least squares along x and y."""
+    """(2,) complex least-squares amplitudes along x and y, px."""
     turning = np.exp(-1j * row_series.phase(frequency_hz))
     observed = max(float(row_series.observed_wave(frequency_hz)), 1e-6)
     weight = np.maximum(row_series.weight.sum(axis=(1, 2)), 1e-30)
@@ -183,5 +183,5 @@ def _amplitudes(row_series: RowSeries, frequency_hz: float) -> NDArray[np.comple
 
 
 def matching_frequencies(spectrum_of_pairs: Spectrum, owns: Callable[[float], bool]) -> NDArray[np.int64]:
-    """Indices of the frequencies that a name owns."""
+    """Indices of the frequencies of an effect class."""
     return np.flatnonzero([owns(float(value)) for value in spectrum_of_pairs.frequency_hz])

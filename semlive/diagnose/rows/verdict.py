@@ -1,4 +1,4 @@
-"""The row channel's verdict: waves by their frequency, jitter by what the pieces of a row have in common."""
+"""Verdict on the rows: waves by their frequency, jitter by the common shift of the segments of a row."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MIN_ROWS = 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentifiedWave:
-    """A wave, and what was said of it when it was found."""
+    """A wave with its statistics at the time of selection."""
 
     family: RowEffectClass
     wave: Wave
@@ -38,7 +38,7 @@ class IdentifiedWave:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Screening:
-    """All that can be asked of rows once."""
+    """One evaluation of all row tests."""
 
     series: tuple[RowSeries, ...]
     common: CommonRowVariance
@@ -50,7 +50,7 @@ class _Screening:
         return self.odds[ROW_JITTER.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * self.common.p_value() <= SIGNIFICANCE_LEVEL
 
     def most_significant(self) -> tuple[RowEffectClass, int, float]:
-        """The likeliest wave: its name, its place in the spectrum and its p-value."""
+        """The most likely wave: its class, its index in the spectrum and its p-value."""
         family = max(PERIODIC_EFFECTS, key=lambda candidate: self.odds[candidate.name])
         own = matching_frequencies(self.spectrum, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
         at = int(own[np.argmax(self.spectrum.total[own])])
@@ -58,12 +58,12 @@ class _Screening:
 
 
 def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, model_effects: Sequence[ModelEffect] = ()) -> RowDiagnosis:
-    """What rows show beyond the disparity maps.
+    """Identify effects that row registration observes and disparity maps do not.
 
     Args:
-        series: of each pair.
-        seed: of the rolls that are the null.
-        model_effects: effects of rows that the model has already.
+        series: row series of each pair.
+        seed: seed of the random rolls for the null distribution.
+        model_effects: row effects already in the model.
 
     Raises:
         IllPosed: there are too few rows.
@@ -116,7 +116,7 @@ def _verdict(first: _Screening, last: _Screening, waves: Sequence[IdentifiedWave
         effects.append(_jitter(last))
     gap = held_out_row_misfit(first.series, [wave.wave for wave in waves], last.common if has_jitter else None) if effects else None
     undecided = next((wave for wave in waves if wave.rivals), None)
-    if significant:  # as many waves as are looked for, and still one more
+    if significant:  # a further wave beyond the maximum number
         outcome = Outcome.UNKNOWN
     elif not effects:
         outcome = Outcome.NONE
@@ -134,7 +134,7 @@ def _verdict(first: _Screening, last: _Screening, waves: Sequence[IdentifiedWave
 
 
 def _where(screening: _Screening) -> tuple[DomainTest, ...]:
-    """The two tests, family-wise over both."""
+    """The two domain tests, with family-wise p-values."""
     at = int(np.argmax(screening.spectrum.total))
     excess = np.clip(screening.spectrum.power[:, at] - 1.0, 0.0, None) / screening.spectrum.information[:, at]
     waves_px = float(np.sqrt(np.mean(excess)))
@@ -146,7 +146,7 @@ def _where(screening: _Screening) -> tuple[DomainTest, ...]:
 
 
 def _effects_of_waves(waves: Sequence[IdentifiedWave]) -> tuple[IdentifiedEffect, ...]:
-    """One effect for each name; further waves of the mains are its overtones, further vibrations effects of their own."""
+    """One effect per class; further waves of a class add their parameters to it."""
     effects: list[IdentifiedEffect] = []
     for wave in waves:
         amplitudes = [_amplitude(wave.wave, axis) for axis in (0, 1)]
@@ -173,10 +173,10 @@ def _effects_of_waves(waves: Sequence[IdentifiedWave]) -> tuple[IdentifiedEffect
 
 
 def _amplitude(wave: Wave, axis: int) -> tuple[float, float]:
-    """Of the beam, and its standard uncertainty, from the differences of frames.
+    """Amplitude of the beam deflection and its standard uncertainty, from differences of frames, px.
 
-    Where phases of frames are as good as random, a pair shows A sqrt(2 - 2 cos), whose square is 2 A^2 on average and scatters by
-    0.71 of that. Pairs that all show the same share one phase difference, and tell as much as one.
+    With random phases of the frames a pair has the amplitude A sqrt(2 - 2 cos), with a mean square of 2 A^2 and a scatter of 0.71 of that.
+    Pairs with equal amplitudes share one phase difference and count as one pair.
     """
     square = 2.0 * np.abs(wave.amplitude[:, axis]) ** 2 / wave.frames
     noise = 4.0 * wave.sigma_px[:, axis] ** 2 / wave.frames
@@ -212,7 +212,7 @@ def _jitter(screening: _Screening) -> IdentifiedEffect:
 
 
 def _thinned(power_spectrum: Spectrum) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The largest power in each of some hundred equal bands."""
+    """Frequency and value of the largest power in each of up to `MAX_SPECTRUM_POINTS` equal bands."""
     power = power_spectrum.total / len(power_spectrum.power)
     bands = np.array_split(np.arange(len(power)), min(MAX_SPECTRUM_POINTS, len(power)))
     peaks = [int(band[np.argmax(power[band])]) for band in bands if len(band)]

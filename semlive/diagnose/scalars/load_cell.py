@@ -1,4 +1,4 @@
-"""The load's channel: what the load cell said, beside the strain that maps show and beside the time."""
+"""Diagnosis of the load cell: its readings against the strain of the maps and against time."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from semlive.model.effects.load_cell import CLOCK, DRIFT, FRICTION, LOADS, ZERO,
 
 Array = NDArray[np.float64]
 MIN_RELATIVE_LOAD = 1e-3
-"""Of the largest load. Cells are classed by half a thousandth of their range and more: less is no effect but a load cell."""
-MIN_LOADS_FOR_CURVATURE = 6  # loaded pairs from which on stress may bend over strain
+"""Smallest reported effect relative to the largest load; accuracy classes of load cells begin at half of this."""
+MIN_LOADS_FOR_CURVATURE = 6  # minimum number of loaded pairs for a quadratic term of stress over strain
 _CLOCK_SIZE_S = 60.0
 _RESAMPLED = 999
 _PARAMETERS = {ZERO.name: ("zero_n", "N"), DRIFT.name: ("rate_n_per_s", "N/s"), FRICTION.name: ("friction_n", "N")}
@@ -29,16 +29,16 @@ _PARAMETERS = {ZERO.name: ("zero_n", "N"), DRIFT.name: ("rate_n_per_s", "N/s"), 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadReadings:
-    """The load of each pair, and what else was known of it.
+    """Load and strain of each pair.
 
     Attributes:
         time_s: (n,) middle of the pair, since the start of frame 0.
-        load_n: (n,) mean reading while it was scanned.
-        strain: (n,) mean axial strain since frame 0; 0 of pairs that nothing was loaded for.
-        strain_covariance: (n, n) of it; what frame 0 and the distortion leave open, all loads share.
+        load_n: (n,) mean reading during the scans, N.
+        strain: (n,) mean axial strain since frame 0; 0 for pairs without load.
+        strain_covariance: (n, n) covariance of the strain; the part by frame 0 and the distortion is common to all loads.
         loaded: (n,) whether the specimen was under load.
         loading_direction: (n,) sign of the last change of the load, 0 before the first.
-        half_px: half of the frame's extent along the load.
+        half_px: half of the frame size along the load, px.
     """
 
     time_s: Array
@@ -51,12 +51,12 @@ class LoadReadings:
 
     @property
     def largest_n(self) -> float:
-        """The largest load that was read."""
+        """The largest reading, N."""
         return float(np.abs(self.load_n).max(initial=0.0))
 
 
 def load_readings(observation: Observation, steps: Sequence[StepConditions], loading_axis: str) -> LoadReadings:
-    """Of all pairs of a run whose image axis `loading_axis` is pulled."""
+    """Load readings of all pairs of a run with the load along the image axis `loading_axis`."""
     solution = observation.solution
     state, part, axis = solution.state, solution.part("motion"), "xy".index(loading_axis)
     time_s = np.array([0.5 * sum(state.frame_time(2 * step.pair + member).start_s for member in (0, 1)) for step in steps])
@@ -73,7 +73,7 @@ def load_readings(observation: Observation, steps: Sequence[StepConditions], loa
 
 
 def _loading_directions(load_n: Array, loaded: NDArray[np.bool_]) -> Array:
-    """(n,) sign of the last change, by load steps: what a load does between two pairs of one step is no change."""
+    """(n,) sign of the last load step; changes between two pairs of one step do not count."""
     direction, last = np.zeros(len(load_n)), 0.0
     for at in range(1, len(load_n)):
         change = load_n[at] - load_n[at - 1]
@@ -84,10 +84,10 @@ def _loading_directions(load_n: Array, loaded: NDArray[np.bool_]) -> Array:
 
 
 def add_load_cell_evidence(verdict: Diagnosis, readings: LoadReadings) -> Diagnosis:
-    """The verdict with what the load cell does beside it.
+    """Add the evidence of the load cell to a verdict.
 
-    Unloaded, a cell reads its zero and how that wanders; loaded, what it reads follows strain in a line, or a parabola where there are
-    enough loads, from the same zero. Drift, friction and zero are each asked beside the others.
+    Without load, the readings are the zero of the cell and its drift. Under load, they are a linear function of strain, or a quadratic one if
+    there are enough loads, with the same zero. Zero, drift and friction are each tested jointly with the others.
     """
     already = {model_effect.name for model_effect in (*verdict.model_effects, *verdict.effects)}
     tests = {family.name: _test(readings, family) for family in LOADS}
@@ -115,14 +115,14 @@ def add_load_cell_evidence(verdict: Diagnosis, readings: LoadReadings) -> Diagno
 
 
 def load_offsets(readings: LoadReadings, names: Sequence[str]) -> dict[str, Array]:
-    """By name (n,) N that effects of the load cell add to the readings, each fitted to them; those that they cannot show are left out."""
+    """(n,) fitted contribution of load cell effects to the readings by name, N; unobservable effects are left out."""
     own, _ = _columns(readings)
     valid_tests = {family.name: _test(readings, family) for family in LOADS if family.name in names}
     return {name: test.term.value * own[name] for name, test in valid_tests.items() if test is not None}
 
 
 def add_clock_evidence(verdict: Diagnosis, offset_s: float, sigma_s: float) -> Diagnosis:
-    """The verdict with the microscope's clock beside it: what it is ahead of what was stated, s, and the standard uncertainty."""
+    """Add the evidence of the microscope's clock: its offset from the configured one and the standard uncertainty, s."""
     if CLOCK.name in {model_effect.name for model_effect in verdict.model_effects}:
         return verdict
     visible = (_CLOCK_SIZE_S / sigma_s) ** 2
@@ -139,7 +139,7 @@ def add_clock_evidence(verdict: Diagnosis, offset_s: float, sigma_s: float) -> D
 def merge_effects(
     verdict: Diagnosis, effects: list[IdentifiedEffect], rivals: list[tuple[str, ...]], families: list[LoadEffectClass]
 ) -> Diagnosis:
-    """With effects that other channels do not speak of: what they left open stays open."""
+    """Add effects of scalar readings; an outcome other than NONE or IDENTIFIED remains."""
     verdict = replace(verdict, effects=(*verdict.effects, *effects))
     undecided = next((at for at, rival in enumerate(rivals) if rival), None)
     if not effects or verdict.outcome not in (Outcome.NONE, Outcome.IDENTIFIED):
@@ -153,7 +153,7 @@ def merge_effects(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Test:
-    """A term of the readings: its value, how much it explains, and what it amounts to."""
+    """Test of one term of the readings."""
 
     family: LoadEffectClass
     term: RegressionTerm
@@ -172,7 +172,7 @@ class _Test:
 
 
 def _test(readings: LoadReadings, family: LoadEffectClass) -> _Test | None:
-    """F-test of a term beside the others; None where these readings cannot show it, or nothing was read."""
+    """F-test of a term jointly with the others; None if the readings do not determine it."""
     own, base = _columns(readings)
     if family.name not in own or not readings.largest_n > 0.0:
         return None
@@ -192,7 +192,7 @@ def _test(readings: LoadReadings, family: LoadEffectClass) -> _Test | None:
 
 
 def limit_precision(tested: RegressionTerm | None) -> RegressionTerm | None:
-    """A term no surer than the readings' own uncertainties have it: unloaded ones that are all exactly 0 say no more for that."""
+    """The term with an uncertainty of at least that of the readings; exactly constant readings do not make it more precise."""
     if tested is None or tested.residual_ss >= tested.degrees_of_freedom:
         return tested
     variance_ratio = math.sqrt(tested.degrees_of_freedom / max(tested.residual_ss, 1e-30))
@@ -200,7 +200,7 @@ def limit_precision(tested: RegressionTerm | None) -> RegressionTerm | None:
 
 
 def _columns(readings: LoadReadings) -> tuple[dict[str, Array], list[Array]]:
-    """What each effect adds to the readings, and what they follow without any."""
+    """Columns of the readings: of each effect by name, and of the baseline without effects."""
     loaded = readings.loaded.astype(np.float64)
     own = {ZERO.name: np.ones(len(loaded)), DRIFT.name: readings.time_s - readings.time_s[0]}
     if not loaded.any():
@@ -214,10 +214,10 @@ def _columns(readings: LoadReadings) -> tuple[dict[str, Array], list[Array]]:
 
 
 def _scales(readings: LoadReadings) -> tuple[float, Array]:
-    """The specimen's stiffness, N for a strain of 1, and the (n, n) covariance of the readings beside it.
+    """Stiffness of the specimen, N per unit strain, and the (n, n) covariance of the readings relative to the strain.
 
-    A reading scatters as unloaded ones do about their line; beside strain it scatters by the strain's own uncertainty too. That is partly
-    shared: a run of images whose strains were all off alike was named friction.
+    Readings scatter like unloaded ones about their line, and under load also by the uncertainty of the strain. That uncertainty is partly
+    common to all loads: without this a run with a common strain error was identified as friction.
     """
     baseline, loaded = ~readings.loaded, readings.loaded
     unloaded_sigma_n = 1e-3 * max(readings.largest_n, 1e-6)
@@ -232,7 +232,7 @@ def _scales(readings: LoadReadings) -> tuple[float, Array]:
 
 
 def _gap(readings: LoadReadings, names: list[str]) -> HeldOutMisfit | None:
-    """How well each reading is foretold by all others, without and with the effects, as the displacement that it stands for."""
+    """Misfit of each reading predicted from all others, without and with the effects, as displacement at the edge of the frame."""
     own, base = _columns(readings)
     stiffness_n, covariance = _scales(readings)
     sigma_n = np.sqrt(np.diag(covariance))
@@ -247,13 +247,13 @@ def _gap(readings: LoadReadings, names: list[str]) -> HeldOutMisfit | None:
 
 
 def score_prediction(before: Array, after: Array, variance_ratio: Array, px: Array) -> HeldOutMisfit:
-    """A gap by readings that were each foretold from all others.
+    """Held-out misfit of readings that are each predicted from all others.
 
     Args:
-        before: (n,) what each was off without the effects, in its standard uncertainties.
-        after: (n,) with them.
-        wider: (n,) the variance that noise alone gives to that, in those of a reading.
-        px: (n,) what a standard uncertainty stands for in the picture.
+        before: (n,) prediction error without the effects, in standard uncertainties of the reading.
+        after: (n,) prediction error with the effects.
+        variance_ratio: (n,) variance of the prediction error by noise, relative to that of a reading.
+        px: (n,) displacement equivalent to the standard uncertainty of each reading, px.
     """
     squares = np.stack([(before * px) ** 2, (after * px) ** 2, variance_ratio * px**2])
     n = squares.shape[1]
@@ -267,13 +267,13 @@ def score_prediction(before: Array, after: Array, variance_ratio: Array, px: Arr
 
 
 def _rivals(readings: LoadReadings, family: LoadEffectClass, tested: RegressionTerm) -> tuple[str, ...]:
-    """Names that the same readings would have as well."""
+    """Names of other effects that explain the same readings."""
     if family is FRICTION and {-1.0, 1.0} <= set(readings.loading_direction[readings.loaded].tolist()):
         return ()
     if family is DRIFT:
         baseline = ~readings.loaded
         unloaded_mean_n = float(np.mean(readings.load_n[baseline])) if baseline.any() else 0.0
         lost_n = -tested.value * float(np.ptp(readings.time_s)) * math.copysign(1.0, unloaded_mean_n)
-        # A load that is there can relax, by a part of itself; one that is not cannot.
+        # An existing load can relax by a part of itself.
         return ("creep_in_hold",) if 0.0 < lost_n < 0.5 * abs(unloaded_mean_n) else ()
     return family.rivals

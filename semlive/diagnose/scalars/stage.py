@@ -1,4 +1,4 @@
-"""The stage's channel: commanded moves against those that maps were fitted with."""
+"""Diagnosis of the stage: commanded moves against the fitted shifts of the maps."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class StageMoves:
     """Commanded stage moves and the measured shifts of the image.
 
     Attributes:
-        commanded_px: (n, 2) places.
-        fitted_px: (n, 2).
+        commanded_px: (n, 2) commanded positions, px.
+        fitted_px: (n, 2) fitted shifts of the image, px.
     """
 
     commanded_px: Array
@@ -42,7 +42,7 @@ class StageMoves:
 
 
 def stage_moves(observation: Observation, steps: Sequence[StepConditions]) -> StageMoves:
-    """Of pairs that were not loaded: a load carries the specimen along."""
+    """Moves of pairs without load; a load shifts the specimen."""
     solution = observation.solution
     motions = solution.state.motions
     unloaded = [step for step in steps if step.phase is not Phase.TENSION]
@@ -51,10 +51,10 @@ def stage_moves(observation: Observation, steps: Sequence[StepConditions]) -> St
 
 
 def add_stage_evidence(verdict: Diagnosis, moves: StageMoves) -> Diagnosis:
-    """The verdict with what the stage did beside it.
+    """Add the evidence of the stage to a verdict.
 
-    Scale and angle of the stage are the estimate's own notes, as they cannot be told from the picture's. Drift between pairs counts as a
-    parabola in time. Backlash and a scale that changes along the way are each asked beside the other.
+    Scale and angle of the stage are not effects, because they are equivalent to those of the image; the estimate reports them. Drift between
+    pairs is modelled as a parabola in time. Backlash and a position-dependent scale are each tested jointly with the other.
     """
     already = {model_effect.name for model_effect in (*verdict.model_effects, *verdict.effects)}
     tests = {family.name: _test(moves, family) for family in MOVES}
@@ -77,7 +77,7 @@ def add_stage_evidence(verdict: Diagnosis, moves: StageMoves) -> Diagnosis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Test:
-    """A term of both axes: its values, their uncertainties, and how much it explains."""
+    """Test of one term along both axes."""
 
     family: StageEffectClass
     value: Array
@@ -99,7 +99,7 @@ class _Test:
 
 
 def _test(moves: StageMoves, family: StageEffectClass) -> _Test | None:
-    """F-test of a term along each axis that it can be seen on, beside the other term; None where neither axis shows it."""
+    """F-test of a term along each axis that determines it, jointly with the other term; None if neither axis does."""
     terms = {BACKLASH.name: moves.direction, QUADRATIC.name: moves.commanded_px**2}
     own, other_terms = terms[family.name], [term for name, term in terms.items() if name != family.name]
     value, sigma, value_px = (np.zeros(2) for _ in range(3))
@@ -115,6 +115,6 @@ def _test(moves: StageMoves, family: StageEffectClass) -> _Test | None:
 
 
 def _base(moves: StageMoves, more: Sequence[Array]) -> Array:
-    """(n, k) orthonormal: an offset, both commands, drift as a parabola in time, and other terms, as far as they say anything."""
+    """(n, k) orthonormal basis of an offset, both commanded components, drift as a parabola in time, and further terms."""
     late = np.linspace(-1.0, 1.0, len(moves.commanded_px))
     return orthonormal_basis(np.stack([np.ones_like(late), *moves.commanded_px.T, late, late**2, *more], axis=-1), MIN_MOVE_PX * 1e-3)

@@ -1,7 +1,7 @@
-"""Two runs with different scans: what one takes for distortion moves in the other, and the distortion itself does not.
+"""Comparison of two runs with different scan times: scan effects change with the scan, the distortion does not.
 
-The baselines of both runs are joined with one distortion for both; everything else is each run's own. What a law says is shared: the
-same time constant and the same amplitudes in both.
+The baselines of both runs are joined with a common distortion; all other parameters are separate. Effects have the same nonlinear
+parameters and the same amplitudes in both runs.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointBaseline:
-    """Runs with one distortion between them.
+    """Runs with a common distortion.
 
     Attributes:
-        runs: their baselines, of one rung each.
-        scenes: of each run what its frames saw, and where frame 0 had seen it, at the places that stand for all of a block.
-        left: of each run (f, b, 2) whitened, what the first run's distortion and the run's own first solution leave.
-        place: of each run (p_i,), which of the p parameters of all runs its own are.
-        rung: all of it against all data.
+        runs: baselines of the runs, with one point each.
+        scenes: for each run, geometries of its frames and of frame 0 at the sample positions within blocks.
+        residuals: for each run, (f, b, 2) whitened residual of its first solution with the distortion of the first run.
+        place: for each run, (p_i,) indices of its parameters among the p parameters of all runs.
+        point: posterior of the joint baseline.
     """
 
     runs: tuple[HyperparameterGrid, ...]
@@ -55,7 +55,7 @@ class JointBaseline:
     point: HyperparameterPoint
 
     def projected(self, basis_fields: Sequence[BasisField]) -> ProjectedField:
-        """A law, as it is in each run, against the data."""
+        """Project a basis field, given for each run, on the data of all runs."""
         q = basis_fields[0].field_px.shape[-1]
         alone, gradient, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.point.prior), q))
         for run, residual, place, basis_field in zip(self.runs, self.residuals, self.place, basis_fields, strict=True):
@@ -70,7 +70,7 @@ class JointBaseline:
 
 
 def join_runs(runs: Sequence[HyperparameterGrid]) -> JointBaseline:
-    """Runs with one distortion, as smooth as that run has it which makes all data likeliest."""
+    """Join runs with a common distortion; its prior is that of the run with the largest joint evidence."""
     alone = [HyperparameterGrid(run.design, run.whitened_residual, (run.best,)) for run in runs]
     return max((_joined(alone, prior_run) for prior_run in range(len(alone))), key=lambda candidate: candidate.point.evidence)
 
@@ -127,7 +127,7 @@ def _first(run: HyperparameterGrid) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _JointObjective:
-    """A family's laws against all runs."""
+    """Objective of an effect class over all runs."""
 
     joined: JointBaseline
     family: EffectClass
@@ -137,7 +137,7 @@ class _JointObjective:
         return self.family.grid(self.joined.runs[0].design.observation.geometry)
 
     def basis_fields(self, values: Values) -> list[BasisField] | None:
-        """Of each run what changes from frame 0 on, with amplitudes that mean the same in all; None where a run cannot show the effect."""
+        """Basis fields of each run relative to frame 0, with common physical amplitudes; None if a run does not observe the effect."""
         like = self.family.basis_field(self.joined.scenes[0][0][0], values)
         each = [] if like is None else [relative_to_reference(self.family, scenes, values, like) for scenes in self.joined.scenes]
         observed = [value for value in each if value is not None]
@@ -151,13 +151,13 @@ class _JointObjective:
 def relative_to_reference(
     family: EffectClass, scenes: Sequence[tuple[RunGeometry, RunGeometry]], values: Values, like: BasisField
 ) -> BasisField | None:
-    """What a law moves from frame 0 on, as blocks show it; None where it cannot be seen.
+    """Basis field relative to frame 0, averaged over blocks; None if it is not observable.
 
     Args:
-        family: whose law it is.
-        scenes: what every frame saw and where frame 0 had seen it, at each of the places that stand for all of a block.
-        values: of what is not linear.
-        like: a law whose amplitudes it gets.
+        family: the effect class.
+        scenes: geometries of every frame and of frame 0, at each sample position within blocks.
+        values: nonlinear parameters.
+        like: basis field that defines the scale of the amplitudes.
     """
     basis_fields = [[family.basis_field(scene, values) for scene in both] for both in scenes]
     observed = [(now.rescaled_to(like), second.rescaled_to(like)) for now, second in basis_fields if now is not None and second is not None]
@@ -168,7 +168,7 @@ def relative_to_reference(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _JointEvidence:
-    """A family, its likeliest law, and the runs as smooth as they are where it is heard."""
+    """Evidence for an effect class, with its most likely basis field and the joint baseline."""
 
     joined: JointBaseline
     family: EffectClass
@@ -178,13 +178,13 @@ class _JointEvidence:
 
 
 def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
-    """Which effect runs with different scans show, if any; several where the second run's scan was turned.
+    """Identify the effect common to runs with different scans; several effects if the scan of the second run was rotated.
 
     Args:
-        runs: their baselines, with the effects that are known in them.
+        runs: baselines of the runs, with the given effects.
 
     Raises:
-        IllPosed: the runs cannot be joined, or were scanned alike.
+        IllPosed: the runs cannot be joined, or have equal scan times.
     """
     by_turn = analyse_scan_rotation(runs)
     if by_turn is not None:
@@ -217,18 +217,18 @@ def _require_comparable(runs: Sequence[HyperparameterGrid]) -> None:
     states = [run.design.observation.state for run in runs]
     if any(state.distortion != states[0].distortion or state.grid != states[0].grid for state in states[1:]):
         raise IllPosed(
-            "the runs have points or frames of different sizes: their distortions cannot be compared; replay one with the other's grid"
+            "the runs have different grids or frame sizes: their distortions cannot be compared; replay one run with the grid of the other"
         )
     times = scan_times_s(runs)
     if same_scan_times(times):
         raise IllPosed(
-            f"the runs were scanned alike, dwell {times[0, 0]:g} s and rows of {times[0, 1]:g} s: they decide nothing; "
-            "take the second with half or twice the dwell, or turned by 90 degrees and with moves that tell so"
+            f"the runs have equal scan times, dwell {times[0, 0]:g} s and rows of {times[0, 1]:g} s: they separate no effects; "
+            "record the second with half or twice the dwell, or with the scan rotated by 90 degrees and with moves along both axes"
         )
 
 
 def _joint_evidence(both: JointBaseline, family: EffectClass) -> _JointEvidence | None:
-    """A family against all runs: the mean over its laws and sizes, and the likeliest of them."""
+    """Evidence for an effect class from all runs: mean over basis fields and sizes, and the most likely of them."""
     sizes, tried = sizes_of(family), []
     for values in _JointObjective(both, family, 0.0).grid():
         evaluated = _JointObjective(both, family, 0.0).evaluate(values)
@@ -243,10 +243,10 @@ def _joint_evidence(both: JointBaseline, family: EffectClass) -> _JointEvidence 
 
 
 def _with_refitted_smoothness(screening: _JointEvidence, runs: Sequence[HyperparameterGrid]) -> _JointEvidence:
-    """The same with drifts as smooth as each run has them beside the effect, where it is likelier so.
+    """Evidence with the smoothness of the drift selected jointly with the effect, if that is more likely.
 
-    The drift that is likeliest without the effect follows a part of it: of a row time that was wrong by 0.4 the logarithm of the Bayes
-    factor was 29 so, and is 110; runs by themselves, which ask all smoothnesses, were reported with a swing or a ramp in 4 of 10.
+    The drift that is most likely without the effect absorbs a part of it: the log Bayes factor of a row time error of 0.4 was 29 instead of
+    110, and separate runs, which use all smoothness values, gave an oscillation or a ramp in 4 of 10 cases.
     """
     basis_fields = _JointObjective(screening.joined, screening.family, screening.size_px).basis_fields(screening.values)
     assert basis_fields is not None  # it was observable on the grid
@@ -264,7 +264,7 @@ def _with_refitted_smoothness(screening: _JointEvidence, runs: Sequence[Hyperpar
 
 
 def _separate_evidence(runs: Sequence[HyperparameterGrid]) -> dict[str, float]:
-    """All other names: what they gain in each run, where nothing is shared."""
+    """Evidence for all other effect classes, summed over separate runs."""
     shared = {family.name for family in TWO_RUN_EFFECT_CLASSES}
     families, total = [family for family in EFFECT_CLASSES if family.name not in shared], dict[str, float]()
     for run in runs:
