@@ -116,7 +116,7 @@ def block_positions(blocks: Blocks, disparity: DisparityMap, shape: tuple[int, i
 
 
 def gather_blocks(image: Grey, blocks: Blocks, positions: BlockPositions) -> Grey:
-    """(b, edge, edge) pixels of each block, its position rounded to whole pixels; unmeasured blocks at their position in frame 0."""
+    """(b, edge, edge) pixels of each block, with its position rounded to integers; unmeasured blocks at their position in frame 0."""
     shift_px = np.where(positions.measured[:, None], np.round(positions.shift_px), 0.0).astype(np.int64)
     along = np.arange(blocks.edge_px)
     rows = np.clip((blocks.y_px + shift_px[:, 1])[:, None] + along, 0, image.shape[0] - 1)

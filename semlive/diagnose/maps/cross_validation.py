@@ -108,7 +108,7 @@ def _held_out_scores(without: HyperparameterGrid, baseline_with_effects: Hyperpa
 
 
 def _fit_scores(without: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, seed: int) -> tuple[list[Array], list[Array]]:
-    """Residual of the fit itself, without held-out frames. A jump moves whole frames, whose shift would be free if they were held out."""
+    """Residual of the fit itself, without held-out frames. A jump shifts frames, and the shift of held-out frames is free."""
     columns = baseline_with_effects.design
     residuals = [without.residual(), baseline_with_effects.residual()]
     noise = _draw_residuals(baseline_with_effects, seed)

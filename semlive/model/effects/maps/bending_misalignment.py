@@ -1,4 +1,4 @@
-"""An eccentric load bends the specimen in its plane."""
+"""In-plane bending of the specimen by an eccentric load."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Charge builds up in every frame and pushes the beam aside, more with every dose."""
+"""Charging in every frame deflects the beam, more with increasing dose."""
 
 from collections.abc import Iterable
 
@@ -24,11 +24,11 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "charging_frame_ramp",
-    "the picture is pushed aside in the course of every frame, more with every frame",
+    "the image shifts during every frame, more with every frame",
     basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("charging_s", "s", 2.0, ratio=True), NonlinearParameter("dose_s", "s", 3.0, ratio=True)),
     group="G9",
-    discriminating_experiment="five minutes with the beam blanked; the mean grey level ramps with it",
+    discriminating_experiment="five minutes with the beam blanked; the mean grey level changes in proportion",
     sizes_px=(0.003, 10.0),
 )

@@ -1,4 +1,4 @@
-"""The correlation's interpolation is wrong by a wave over each pixel."""
+"""Interpolation bias of the correlation, periodic in the subpixel displacement."""
 
 import numpy as np
 
@@ -15,8 +15,8 @@ def basis_field(scene: RunGeometry, values: Values) -> BasisField:
 
 FAMILY = EffectClass(
     "dic_subpixel_bias",
-    "displacements are wrong by a wave over each pixel: A sin(2 pi U)",
+    "displacements have a bias with the period of a pixel: A sin(2 pi U)",
     basis_field,
-    discriminating_experiment="the same pictures with another interpolant: no beam time",
+    discriminating_experiment="the same images with another interpolation: no beam time",
     sizes_px=(0.001, 0.1),
 )

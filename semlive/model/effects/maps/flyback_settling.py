@@ -1,4 +1,4 @@
-"""The beam has not come to rest when a row begins; another dwell moves the columns where it has."""
+"""Settling of the beam at the start of rows; its extent in columns depends on the dwell time."""
 
 from collections.abc import Iterable
 
@@ -24,11 +24,11 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "flyback_settling",
-    "rows begin before the beam has come to rest",
+    "rows begin before the beam has settled",
     basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("settling_s", "s", 1.62, ratio=True),),
     group="G4",
-    discriminating_experiment="the calibration again with half or twice the dwell: what settles moves, the distortion stays",
+    discriminating_experiment="the calibration again with half or twice the dwell: settling changes its extent, the distortion does not",
     sizes_px=(0.003, 10.0),
 )

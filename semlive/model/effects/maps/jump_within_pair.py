@@ -1,4 +1,4 @@
-"""A jump between the two frames of a pair."""
+"""A permanent jump of the image between the two frames of a pair."""
 
 from collections.abc import Iterable
 
@@ -21,11 +21,11 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "jump_within_pair",
-    "the picture jumps between the two frames of a pair and stays where it is",
+    "the image jumps permanently between the two frames of a pair",
     basis_field,
     grid,
     group="G8",
-    discriminating_experiment="a third picture in the pair",
+    discriminating_experiment="a third frame in the pair",
     sizes_px=(0.003, 10.0),
     recurrence=Recurrence.ONE_TIME,
 )

@@ -1,4 +1,4 @@
-"""Mains hum with the rows triggered by the mains: a pattern of columns, whose period another dwell changes."""
+"""Mains hum with row scans triggered by the mains: a pattern of columns, with a period that depends on the dwell time."""
 
 from collections.abc import Iterable
 
@@ -21,14 +21,14 @@ def basis_field(scene: RunGeometry, values: Values) -> BasisField:
 
 
 def grid(scene: RunGeometry) -> Iterable[Values]:
-    """The mains and their first overtone."""
+    """The mains frequencies and their first overtones."""
     del scene
     return ({"frequency_hz": value} for value in MAINS_HZ)
 
 
 FAMILY = EffectClass(
     "line_sync_hum",
-    "the mains push all columns aside in the same way, as rows are triggered by them",
+    "the mains deflect equal columns of all rows equally, because they trigger the rows",
     basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("frequency_hz", "Hz", 5.0),),

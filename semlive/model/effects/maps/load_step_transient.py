@@ -1,4 +1,4 @@
-"""Grips seat and the frame settles after each load step."""
+"""Decaying motion after each load step by seating of the grips and settling of the load frame."""
 
 from collections.abc import Iterable
 
@@ -27,10 +27,10 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "load_step_transient",
-    "the picture creeps after each load step and comes to rest",
+    "the image creeps after each load step with an exponential decay",
     basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("time_constant_s", "s", 1.63, ratio=True),),
-    discriminating_experiment="a dummy step at the same load, and a longer hold",
+    discriminating_experiment="a step without a change of load, and a longer hold",
     sizes_px=(0.003, 10.0),
 )

@@ -1,4 +1,4 @@
-"""The stage creeps after each move."""
+"""Decaying motion of the stage after each move."""
 
 from collections.abc import Iterable
 
@@ -27,10 +27,10 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "stage_step_transient",
-    "the stage creeps after each move, along it, and comes to rest",
+    "the stage creeps along each move with an exponential decay",
     basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("time_constant_s", "s", 1.63, ratio=True),),
-    discriminating_experiment="a longer wait after some of the moves, or beam shifts in their stead",
+    discriminating_experiment="a longer wait after some of the moves, or beam shifts instead",
     sizes_px=(0.003, 10.0),
 )

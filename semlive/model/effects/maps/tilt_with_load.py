@@ -1,4 +1,4 @@
-"""Grips out of line tilt the specimen with the load: perspective."""
+"""Perspective by tilt of the specimen under load with misaligned grips."""
 
 import numpy as np
 
@@ -18,8 +18,8 @@ def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
 
 FAMILY = EffectClass(
     "tilt_with_load",
-    "the specimen tilts as the load grows: (u, v) = a F (x y, y^2)",
+    "the specimen tilts with the load: (u, v) = a F (x y, y^2)",
     basis_field,
     group="G11",
-    discriminating_experiment="unload to zero and look again; working distance in focus at nine points",
+    discriminating_experiment="unload to zero and repeat; working distance in focus at nine points",
 )
