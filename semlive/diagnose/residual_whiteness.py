@@ -18,7 +18,7 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid, design, with_
 from semlive.diagnose.baseline.bayes_factor import project
 from semlive.diagnose.baseline.noise_scale import residual_scale, rough_modes
 from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, make_observation, step_conditions
-from semlive.diagnose.baseline.whitening import most_likely_length_px, make_whitener
+from semlive.diagnose.baseline.whitening import make_whitener, most_likely_length_px
 from semlive.diagnose.maps.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts
 from semlive.errors import IllPosed
 from semlive.estimate.joint.observations.normal_equations import dense_limit

@@ -14,8 +14,8 @@ from semlive.model.effect import Axis, FrameObservation, TensorColumns
 from semlive.model.knots import KnotSpline, towards_start
 from semlive.model.splines import UniformSpline
 
-# Distortion is smooth over most of the frame. With a knot distance of 100 px a cubic spline has a residual of 1e-4 px for a wave of 1100 px,
-# 5e-6 of false strain between two points; a quintic spline with the same knots has 3e-7 px.
+# Distortion is smooth over most of the frame. With a knot distance of 100 px a cubic spline has a residual of 1e-4 px for a wave of 1100
+# px, 5e-6 of false strain between two points; a quintic spline with the same knots has 3e-7 px.
 DEGREE = 5
 # At the start of a row the beam is still settling: its error decays within 5 to 200 px. Therefore the knot distance is halved repeatedly
 # towards the row start, as far as points are observed. Without this, 3 px decaying within 10 columns gave 2.6 times the error there and

@@ -14,8 +14,8 @@ class ScanAxes:
     """Aspect a and skew b of the scan, ``p = M p_true`` with ``M = 1 + [[a, b], [b, -a]]``.
 
     Unknown translations do not determine M, so the distortion is given without its affine part. A rotation of the specimen by theta is then
-    observed as ``M theta J M^-1 = theta (J + [mu, J])``. Without this effect, rotations of 2e-4 rad and axes that differ by 0.5 % change the
-    distortion by 0.01 px; with it, rotations determine the axes.
+    observed as ``M theta J M^-1 = theta (J + [mu, J])``. Without this effect, rotations of 2e-4 rad and axes that differ by 0.5 % change
+    the distortion by 0.01 px; with it, rotations determine the axes.
     """
 
     @property

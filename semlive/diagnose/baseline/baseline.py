@@ -82,8 +82,8 @@ class DesignMatrix:
     def along(self, axis: int, rows: Array) -> Array:
         """(m, q) columns of one axis times whitened fields (q, f, b).
 
-        Whitened fields have no mean over the frames, so the mean of the columns need not be subtracted, and most columns of the drift move three
-        frames of thirty: a third of the time.
+        Whitened fields have no mean over the frames, so the mean of the columns need not be subtracted, and most columns of the drift move
+        three frames of thirty: a third of the time.
         """
         columns, own = self.columns[axis], self.per_frame_columns[axis]
         total = np.zeros((columns.shape[1], len(rows)))

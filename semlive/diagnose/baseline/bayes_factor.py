@@ -280,8 +280,8 @@ class NullDraws:
         """Draw noise and baseline parameters.
 
         Data ``y = A m + e`` are simulated with parameters m from the prior. After the refit of the baseline, the gradient of columns Z of a
-        basis field is ``Z^T e - S^T (A^T e - L xi)``, where L L^T is the prior precision and S the posterior covariance times A^T Z. It does
-        not depend on m.
+        basis field is ``Z^T e - S^T (A^T e - L xi)``, where L L^T is the prior precision and S the posterior covariance times A^T Z. It
+        does not depend on m.
         """
         rng = np.random.default_rng((seed, 41))
         f, b = baseline.design.observation.frames, baseline.design.observation.blocks

@@ -8,7 +8,7 @@ from scipy.linalg import solve_triangular
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid, design
 from semlive.diagnose.baseline.observation import Observation
-from semlive.diagnose.baseline.whitening import most_likely_length_px, make_whitener, rough_cholesky
+from semlive.diagnose.baseline.whitening import make_whitener, most_likely_length_px, rough_cholesky
 from semlive.model.effects import RunGeometry
 
 Array = NDArray[np.float64]

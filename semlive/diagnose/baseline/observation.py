@@ -227,8 +227,8 @@ def sample_within_blocks(observation: Observation) -> tuple[tuple[RunGeometry, R
 
     The positions lie one standard deviation from the block centre along each axis, so the average is correct to third order. For settling
     within 56 rows, blocks of three points and subsets of 43 px show 5 % more displacement than the centre of the block. Missing points move
-    the centre of a block by up to 6 px in both frames. With the centre of frame 0 for all maps, this shift alone distinguished a basis field
-    from distortion and reduced the estimated settling by a sixth.
+    the centre of a block by up to 6 px in both frames. With the centre of frame 0 for all maps, this shift alone distinguished a basis
+    field from distortion and reduced the estimated settling by a sixth.
     """
     members = observation.state.blocks.members[observation.valid_blocks]
     points = np.stack([np.where(members < 0, np.nan, coordinates.ravel()[members]) for coordinates in observation.grid.mesh()], axis=-1)

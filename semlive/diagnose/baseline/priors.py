@@ -37,8 +37,9 @@ class DriftPrior:
 # The first solution selected its smoothness with the effect in the data: a hidden jump makes the drift rough, and a rough drift absorbs the
 # jump. Therefore every test also uses smoother and rougher drifts, and the most likely result counts.
 SMOOTH_DRIFT_PRIORS = tuple(DriftPrior(by) for by in (0.01, 0.1, 1.0, 10.0, 100.0))
-# Curvature of one size does not describe a random walk. In runs with a drift of 0.01 px/s^0.5, a random walk added to a smooth drift was more
-# likely by log odds of 130 to 150. Without it, oscillations with periods of 61 to 62 s were identified, which only held-out pairs rejected.
+# Curvature of one size does not describe a random walk. In runs with a drift of 0.01 px/s^0.5, a random walk added to a smooth drift was
+# more likely by log odds of 130 to 150. Without it, oscillations with periods of 61 to 62 s were identified, which only held-out pairs
+# rejected.
 RANDOM_WALK_PRIORS = tuple(DriftPrior(0.0, wander_px) for wander_px in (0.0, 0.01, 0.03, 0.1, 0.3, 1.0))
 DRIFTS = (*SMOOTH_DRIFT_PRIORS, *RANDOM_WALK_PRIORS)
 

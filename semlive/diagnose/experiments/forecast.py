@@ -32,7 +32,7 @@ LOADED_KINDS = (ExperimentKind.LONGER_HOLD, ExperimentKind.ZERO_LOAD_STEPS, Expe
 def forecast_experiments(
     observation: Observation, verdict: Diagnosis, model_effects: Sequence[ModelEffect] = ()
 ) -> tuple[ExperimentForecast, ...]:
-    """Forecasts for all possible experiments between the remaining candidates, or of one effect against none, best log odds per minute first.
+    """Forecasts of possible experiments for the remaining candidates (one effect: against none), best log odds per minute first.
 
     The experiments use the equipment of the run: loads, moves, another dwell. A rotated scan is not included, because no basis field
     describes effects that rotate with the scan. The result is empty if the candidates have one common basis field.

@@ -92,10 +92,10 @@ _DESCRIPTIONS = {
     ExperimentKind.UNLOAD: "effects that reverse with the load",
     ExperimentKind.REVERSED: "effects of a move and its reversal",
     ExperimentKind.CHANGED_SCAN_TIMES: (
-        "effects that follow the dwell or row time and not the position in the image; evaluate with `semlive experiment decide`"
+        "effects that follow the dwell or row time and not the position in the image; see `semlive experiment decide`"
     ),
     ExperimentKind.ROTATED_SCAN: (
-        "effects that rotate with the scan: pixels that are not square, skewed axes, nonlinear ramps; evaluate with `semlive experiment decide`"
+        "effects that rotate with the scan: pixels that are not square, skewed axes, nonlinear ramps; see `semlive experiment decide`"
     ),
 }
 
@@ -108,8 +108,8 @@ def requested_proposal(kind: ExperimentKind) -> Proposal:
 def choose_proposal(verdict: Diagnosis, menu: Sequence[ExperimentForecast] = ()) -> Proposal | None:
     """The experiment that separates the candidates of a verdict; None if there is nothing to decide.
 
-    For an identified effect it is the experiment that confirms it; for an unknown effect, a stationary series. If forecasts are available, it
-    is the decisive experiment with the least beam time; if none is decisive, the proposal of the effect class is used.
+    For an identified effect it is the experiment that confirms it; for an unknown effect, a stationary series. If forecasts are available,
+    it is the decisive experiment with the least beam time; if none is decisive, the proposal of the effect class is used.
 
     Args:
         verdict: the verdict.

@@ -53,7 +53,7 @@ def flashes(frames: Sequence[IntensityFrame]) -> tuple[Flash, ...]:
 
 
 def _of_pair(first: IntensityFrame, second: IntensityFrame) -> list[Flash]:
-    """Flashes of a pair, from rows of the second frame minus rows of the first at equal material points; flashes of the first are negative."""
+    """Flashes of a pair, from rows of the second frame minus those of the first, where flashes of the first are negative."""
     rows = np.arange(len(first.row_levels), dtype=np.float64)
     at, moved = _moved(first, second)
     down = np.interp(rows, at, moved)

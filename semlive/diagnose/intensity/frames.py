@@ -1,7 +1,7 @@
 """Grey levels of frames relative to frame 1 at equal material points, with frame 0 as instrumental variable.
 
-A frame is I_f = m + c (t0 + t1 J + t2 (J^2 - 1) + t3 (G J - J)). J = (P - m) / c is frame 1 without noise, and G the blur of the probe. In a
-regression on the measured frame 1 its noise would attenuate t1 (errors in variables). Therefore all terms are multiplied with fields of
+A frame is I_f = m + c (t0 + t1 J + t2 (J^2 - 1) + t3 (G J - J)). J = (P - m) / c is frame 1 without noise, and G the blur of the probe. In
+a regression on the measured frame 1 its noise would attenuate t1 (errors in variables). Therefore all terms are multiplied with fields of
 frame 0, whose noise is independent, and summed: Z'I_f = Z'B t.
 """
 
@@ -51,7 +51,8 @@ class IntensityReference:
         mean: m, grey levels.
         contrast: c, grey levels.
         darkest: grey level exceeded by 99 % of the smoothed pixels.
-        fields: (b, TERMS, edge, edge // 2 + 1) conjugate spectra of the fields of frame 0, weighted so that real parts of products add up to sums.
+        fields: (b, TERMS, edge, edge // 2 + 1) conjugate spectra of the fields of frame 0, weighted so that real parts of products add
+            up to sums.
         basis: (b, TERMS, TERMS) products of these fields with the terms of frame 1.
         noise: (b, TERMS, TERMS) covariance of the products by the measured noise.
         blurred: (len(BLURS_PX2), b, TERMS) products of the fields with the blurred frame 1.

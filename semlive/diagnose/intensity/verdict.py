@@ -113,7 +113,8 @@ def _most_likely_by_name(fits: Sequence[IntensityFit]) -> dict[str, IntensityFit
 
 
 def _verdict(
-    series: IntensityFrames, time_series: IntensityTimeSeries, intensity_models: Sequence[IntensityModel], selected: Sequence[_SelectedModel],
+    series: IntensityFrames, time_series: IntensityTimeSeries,
+    intensity_models: Sequence[IntensityModel], selected: Sequence[_SelectedModel],
     before: Sequence[ResidualTest],
     evidence: dict[str, float], flashes_found: Sequence[Flash],
 ) -> IntensityDiagnosis:  # fmt: skip

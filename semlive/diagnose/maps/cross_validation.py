@@ -27,10 +27,10 @@ def held_out_misfit(without: HyperparameterGrid, baseline_with_effects: Hyperpar
     """Misfit of held-out pairs without and with the additional effects of the second grid.
 
     Amplitudes and baseline are fitted to the other pairs. In held-out frames only the motion of the specimen and the drift within the frame
-    are fitted, on half of the field; the other half is scored, and vice versa. Amplitudes that occur only in held-out frames are fitted there
-    too. Both baselines have the smoothness of the second, because a rougher drift would absorb a part of the effect. The misfit is measured
-    in smooth shapes and in the shapes of the effects. The remainder is noise, which at four times the smallest detectable effect is a hundred
-    times larger than the misfit. The noise floor and its scatter follow from draws of noise, drift and distortion.
+    are fitted, on half of the field; the other half is scored, and vice versa. Amplitudes that occur only in held-out frames are fitted
+    there too. Both baselines have the smoothness of the second, because a rougher drift would absorb a part of the effect. The misfit is
+    measured in smooth shapes and in the shapes of the effects. The remainder is noise, which at four times the smallest detectable effect
+    is a hundred times larger than the misfit. The noise floor and its scatter follow from draws of noise, drift and distortion.
     """
     without = point_like(without.design, baseline_with_effects)
     before, after = _held_out_scores(without, baseline_with_effects, seed)

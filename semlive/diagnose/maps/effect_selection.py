@@ -16,7 +16,8 @@ from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.diagnose.parallel import parallel_map
 from semlive.model.effects import EffectClass
 
-# Smallest log Bayes factor of a significant effect. Over 199 draws of the null the maximum of all classes was 5.2 and the 99th percentile 2.7.
+# Smallest log Bayes factor of a significant effect. Over 199 draws of the null the maximum of all classes was 5.2 and the 99th percentile
+# 2.7.
 SIGNIFICANT_LOG_FACTOR = 7.0
 SIGNIFICANCE_LEVEL = 0.01  # largest p-value of a significant effect
 CANDIDATE_LOG_FACTOR = 2.0  # log Bayes factor that one null draw in fifty reaches
@@ -122,9 +123,9 @@ def reselect_effects(
     """Score each selected effect again jointly with the others; replace it if another effect is more likely.
 
     The first effect is selected while the others are still missing from the model. A raster rotation drift was identified as a distortion
-    drift, which absorbed a part of the bending as well; jointly with bending it explained the rotation completely. If the effect is confirmed,
-    its nonlinear parameters are refined jointly with the others. A distortion drift whose affine part was fitted with a hidden jump
-    otherwise caused a third effect with a log Bayes factor of 38.
+    drift, which absorbed a part of the bending as well; jointly with bending it explained the rotation completely. If the effect is
+    confirmed, its nonlinear parameters are refined jointly with the others. A distortion drift whose affine part was fitted with a hidden
+    jump otherwise caused a third effect with a log Bayes factor of 38.
 
     Args:
         baseline: the baseline without effects.

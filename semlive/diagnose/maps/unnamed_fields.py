@@ -129,7 +129,10 @@ UNNAMED_CLASSES: tuple[EffectClass, ...] = (
     EffectClass("field_that_wanders", "a smooth field that varies slowly and randomly", _wandering, sizes_px=SIZES_PX),
     EffectClass("field_of_every_other_frame", "a smooth field that alternates between frames", _alternating, sizes_px=SIZES_PX),
     EffectClass(
-        "rest_after_every_step", "an exponential decay of the image position after every step, with independent amplitudes", _after_steps, _constants
+        "rest_after_every_step",
+        "an exponential decay of the image position after every step, with independent amplitudes",
+        _after_steps,
+        _constants,
     ),
     EffectClass("linear_map_that_wanders", "stretch, shear or rotation that varies slowly and randomly", _linear, _maps, sizes_px=SIZES_PX),
 )

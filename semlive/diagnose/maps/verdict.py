@@ -245,7 +245,7 @@ def _group(families: Sequence[EffectClass]) -> str | None:
 def _useful(gap: HeldOutMisfit, log_factor: float) -> bool:
     """Whether effects remain significant after held-out pairs, and the misfit reduction is not significantly below half.
 
-    At twice the smallest detectable effect, a true effect gains 1.5 +- 1 standard errors on held-out pairs, or nothing if they contain little
-    of it: creep with a log Bayes factor of 43 was rejected for a loss of 1.2.
+    At twice the smallest detectable effect, a true effect gains 1.5 +- 1 standard errors on held-out pairs, or nothing if they contain
+    little of it: creep with a log Bayes factor of 43 was rejected for a loss of 1.2.
     """
     return log_factor + min(gap.log_odds, 0.0) > SIGNIFICANT_LOG_FACTOR and gap.closure_interval[1] > MIN_EXPLAINED_FRACTION

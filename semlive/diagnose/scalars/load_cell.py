@@ -86,8 +86,8 @@ def _loading_directions(load_n: Array, loaded: NDArray[np.bool_]) -> Array:
 def add_load_cell_evidence(verdict: Diagnosis, readings: LoadReadings) -> Diagnosis:
     """Add the evidence of the load cell to a verdict.
 
-    Without load, the readings are the zero of the cell and its drift. Under load, they are a linear function of strain, or a quadratic one if
-    there are enough loads, with the same zero. Zero, drift and friction are each tested jointly with the others.
+    Without load, the readings are the zero of the cell and its drift. Under load, they are a linear function of strain, or a quadratic one
+    if there are enough loads, with the same zero. Zero, drift and friction are each tested jointly with the others.
     """
     already = {model_effect.name for model_effect in (*verdict.model_effects, *verdict.effects)}
     tests = {family.name: _test(readings, family) for family in LOADS}

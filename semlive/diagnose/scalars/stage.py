@@ -53,8 +53,8 @@ def stage_moves(observation: Observation, steps: Sequence[StepConditions]) -> St
 def add_stage_evidence(verdict: Diagnosis, moves: StageMoves) -> Diagnosis:
     """Add the evidence of the stage to a verdict.
 
-    Scale and angle of the stage are not effects, because they are equivalent to those of the image; the estimate reports them. Drift between
-    pairs is modelled as a parabola in time. Backlash and a position-dependent scale are each tested jointly with the other.
+    Scale and angle of the stage are not effects, because they are equivalent to those of the image; the estimate reports them. Drift
+    between pairs is modelled as a parabola in time. Backlash and a position-dependent scale are each tested jointly with the other.
     """
     already = {model_effect.name for model_effect in (*verdict.model_effects, *verdict.effects)}
     tests = {family.name: _test(moves, family) for family in MOVES}

@@ -199,8 +199,8 @@ def _drift(time_s: Array, gage: Array) -> tuple[float, float]:
 def _combined_test(slope: RegressionTerm, factor: float) -> tuple[float, float, float]:
     """Combined uncertainty of a slope, its p-value by an F-test, and its log Bayes factor by Schwarz's approximation.
 
-    The scatter of the readings has few degrees of freedom; the uncertainty of the gage factor is given. Their combination has the degrees of
-    freedom by Satterthwaite. With the factor treated as scatter, none of 200 translations of five times its uncertainty was identified.
+    The scatter of the readings has few degrees of freedom; the uncertainty of the gage factor is given. Their combination has the degrees
+    of freedom by Satterthwaite. With the factor treated as scatter, none of 200 translations of five times its uncertainty was identified.
 
     Args:
         slope: slope of the difference, strain per N, with its uncertainty by scatter.

@@ -52,7 +52,9 @@ class BasisField:
         )
         if own_rows.shape != target_rows.shape or own_rows.shape != (self.field_px.shape[-1],) * 2:
             return self
-        return replace(self, field_px=self.field_px @ np.linalg.solve(own_rows, target_rows), reported_parameters=target.reported_parameters)
+        return replace(
+            self, field_px=self.field_px @ np.linalg.solve(own_rows, target_rows), reported_parameters=target.reported_parameters
+        )
 
 
 Values = Mapping[str, float]

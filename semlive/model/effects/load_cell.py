@@ -25,7 +25,9 @@ ZERO = LoadEffectClass(
     "G7",
     ("preload",),
 )
-DRIFT = LoadEffectClass("load_cell_drift", "the zero of the load cell drifts: F_m = F + r T", "read the load unloaded, before and after", "G7")
+DRIFT = LoadEffectClass(
+    "load_cell_drift", "the zero of the load cell drifts: F_m = F + r T", "read the load unloaded, before and after", "G7"
+)
 FRICTION = LoadEffectClass(
     "friction_hysteresis",
     "friction of guides adds to the load reading: F_m = F + f sign(dF)",

@@ -16,7 +16,9 @@ class StageEffectClass(NamedEffect):
 
 
 BACKLASH = StageEffectClass(
-    "stage_backlash", "the final position depends on the direction of approach: m = c + b sign(dc)", "the same positions approached from the other side"
+    "stage_backlash",
+    "the final position depends on the direction of approach: m = c + b sign(dc)",
+    "the same positions approached from the other side",
 )
 QUADRATIC = StageEffectClass(
     "stage_quadratic", "the scale of the stage depends on its position: m = c + q c^2", "the same moves about another position"

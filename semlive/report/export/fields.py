@@ -1,4 +1,4 @@
-"""What is exported: the same fields, series and units in every format."""
+"""Exported fields, series and units, equal in every format."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ UNITS: Mapping[str, str] = {
     "shift_x_px": "px",
     "shift_y_px": "px",
 }
-"""Units by name; what is not here has none."""
+"""Units by name; other quantities are dimensionless."""
 
 
 class Format(StrEnum):
@@ -58,14 +58,14 @@ class Format(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunMetadata:
-    """What is told of a run besides its frames.
+    """Metadata of a run.
 
     Attributes:
-        name: of the log.
+        name: name of the log.
         result: estimate, decisions and summaries.
         result_json: the result as `semlive replay --json` prints it.
-        settings: every setting by its whole name.
-        configuration: the run's, as the log has it.
+        settings: every setting by its full name.
+        configuration: configuration of the run from the log.
         load: load as sampled, None without a load frame.
     """
 
@@ -78,18 +78,18 @@ class RunMetadata:
 
 
 class Writer(Protocol):
-    """One export: every frame in turn, then the story."""
+    """Writer of one export: every frame in turn, then the metadata."""
 
     def write_frame(self, frame: FrameResult) -> None:
         """Write one frame."""
         ...
 
-    def write_metadata(self, story: RunMetadata) -> None:
-        """Write everything else."""
+    def write_metadata(self, metadata: RunMetadata) -> None:
+        """Write series, estimate and configuration."""
         ...
 
     def close(self, complete: bool) -> None:
-        """Finish; what is not complete is removed."""
+        """Finish the export; an incomplete file is removed."""
         ...
 
 
@@ -97,7 +97,7 @@ def frame_fields(frame: FrameResult) -> dict[str, Array]:
     """(ny, nx) fields of a frame by name; zero and meaningless where not `valid`, strain where not `strain_valid`."""
     moved, strain = frame.displacement, frame.strain
     x, y = moved.grid.mesh()
-    told = {"systematic_u": moved.systematic_u_px, "systematic_v": moved.systematic_v_px}
+    systematic_fields = {"systematic_u": moved.systematic_u_px, "systematic_v": moved.systematic_v_px}
     return {
         "x": x,
         "y": y,
@@ -110,7 +110,7 @@ def frame_fields(frame: FrameResult) -> dict[str, Array]:
         "sigma_v": np.where(moved.valid, moved.sigma_v_px, 0.0),
         "valid": moved.valid,
         "strain_valid": strain.valid,
-        **{name: np.where(moved.valid, sigma, 0.0) for name, sigma in told.items() if sigma is not None},
+        **{name: np.where(moved.valid, sigma, 0.0) for name, sigma in systematic_fields.items() if sigma is not None},
     }
 
 
@@ -141,12 +141,12 @@ def load_series(load: LoadSeries) -> dict[str, Array]:
     return found if load.gage_strain is None else {**found, "gage_strain": load.gage_strain}
 
 
-def frame_series(story: RunMetadata) -> dict[str, Array]:
-    """(frames,) one number for each frame: when, load, shift, mean strain with its uncertainty; NaN where there is none."""
-    decisions = {one.pair: one for one in story.result.decisions}
-    infos = [(decisions[one["pair"]].first, decisions[one["pair"]].second)[one["frame"] % 2] for one in story.result_json["frames"]]
+def frame_series(metadata: RunMetadata) -> dict[str, Array]:
+    """(frames,) series by name: scan time, load, shift, mean strain with its uncertainty; NaN without a value."""
+    decisions = {one.pair: one for one in metadata.result.decisions}
+    infos = [(decisions[one["pair"]].first, decisions[one["pair"]].second)[one["frame"] % 2] for one in metadata.result_json["frames"]]
     zero_ns = infos[0].start_time_ns.value
-    frames = story.result_json["frames"]
+    frames = metadata.result_json["frames"]
     series: dict[str, Array] = {
         "frame": np.array([one["frame"] for one in frames]),
         "pair": np.array([one["pair"] for one in frames]),
@@ -165,12 +165,12 @@ def frame_series(story: RunMetadata) -> dict[str, Array]:
     return series
 
 
-def phases(story: RunMetadata) -> list[str]:
+def phases(metadata: RunMetadata) -> list[str]:
     """The phase of each frame."""
-    return [one["phase"] for one in story.result_json["frames"]]
+    return [one["phase"] for one in metadata.result_json["frames"]]
 
 
-def constants(story: RunMetadata) -> dict[str, float]:
+def constants(metadata: RunMetadata) -> dict[str, float]:
     """Elastic constants and their standard uncertainties; empty where they are not known."""
-    elastic = story.result_json["elastic"] or {}
+    elastic = metadata.result_json["elastic"] or {}
     return {name if part == "value" else f"{name}_sigma": value[part] for name, value in elastic.items() for part in ("value", "sigma")}

@@ -1,4 +1,4 @@
-"""Figures of a score: what was recovered, what was true, and whether the stated uncertainties hold."""
+"""Figures of a score: recovered and true values, and coverage of the stated uncertainties."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def draw_strain(parent: FigureBase, errors: RunErrors) -> None:
 
 
 def draw_coverage(parent: FigureBase, errors: RunErrors) -> None:
-    """Fraction of errors within k stated sigmas against what a normal distribution has there."""
+    """Fraction of errors within k stated standard uncertainties over that of a normal distribution."""
     axes: Axes = parent.subplots()
     k = np.linspace(0.0, 3.5, _POINTS)
     nominal = erf(k / np.sqrt(2))
@@ -97,14 +97,14 @@ def save_figures(errors: RunErrors, where: Path) -> tuple[Path, ...]:
     """Write the figures.
 
     Args:
-        errors: a run against its truth.
+        errors: errors of a run.
         where: a .png, .svg or .pdf file for all of them on one sheet, otherwise a folder for one PNG each.
 
     Returns:
-        What was written.
+        Paths of the written files.
 
     Raises:
-        BadInput: it cannot be written.
+        BadInput: a file cannot be written.
     """
     try:
         if where.suffix.lower() in _SUFFIXES:

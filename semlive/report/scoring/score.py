@@ -1,4 +1,4 @@
-"""Recovered against true, for runs on a simulator."""
+"""Scores of runs on a simulator: recovered against true values."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ LEVELS = {68: 0.6827, 95: 0.95}
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """One recovered quantity beside its truth.
+    """One recovered quantity and its true value.
 
     Attributes:
-        name: what it is.
+        name: name of the quantity.
         truth: true value.
         value: recovered value.
-        sigma: stated standard uncertainty; of an rms error the rms of the stated uncertainties.
-        unit: of all three.
-        freedom: number of independent values in an rms error, which by chance spreads less than one error does.
-        candidates: number of independent values that the worst was picked from, which is by chance larger than one is.
-        detail: one of many alike; told to programs, not in the short table.
+        sigma: stated standard uncertainty; for an rms error the rms of the stated uncertainties.
+        unit: unit of truth, value and sigma.
+        freedom: number of independent values in an rms error, which reduces its scatter.
+        candidates: number of independent values from which the largest was selected.
+        detail: whether the score is listed in JSON output only, not in the short table.
     """
 
     name: str
@@ -53,20 +53,20 @@ class Score:
         return self.value - self.truth
 
     def covers(self, level: float) -> bool:
-        """Whether the error is one that the stated uncertainty leaves probable (chi distribution; for one value the normal one)."""
+        """Whether the error is within the stated uncertainty at a probability level (chi distribution; normal for one value)."""
         limit = np.sqrt(_chi_square(level ** (1.0 / self.candidates), self.freedom) / self.freedom)
         return abs(self.error) <= float(limit) * self.sigma
 
     def to_json(self) -> dict[str, Any]:
-        """As other programs read it."""
+        """JSON object of the score."""
         numbers = {"truth": self.truth, "value": self.value, "sigma": self.sigma, "error": self.error, "unit": self.unit}
         return {**numbers, **{f"inside{percent}": self.covers(level) for percent, level in LEVELS.items()}}
 
 
 def score(result: RunResult, truth: Mapping[str, Any]) -> tuple[Score, ...]:
-    """Every recovered quantity against truth.
+    """Scores of every recovered quantity.
 
-    Drift is compared by its change from the middle of each frame (across a motion it is one number with the motion),
+    Drift is compared by its change from the middle of each frame (between frames it is not separable from motion),
     distortion after removal of its best affine map, displacement after removal of each frame's mean, strain relative to frame 0.
 
     Args:
@@ -92,7 +92,7 @@ def score(result: RunResult, truth: Mapping[str, Any]) -> tuple[Score, ...]:
 
 
 def scores_of(errors: RunErrors) -> Iterator[Score]:
-    """Scores of everything but the elastic constants."""
+    """Scores of all quantities except the elastic constants."""
     yield from _drift(errors)
     yield from _distortion(errors.distortion)
     yield from _shifts(errors)
@@ -101,7 +101,7 @@ def scores_of(errors: RunErrors) -> Iterator[Score]:
 
 
 def independent_samples(z: Field) -> float:
-    """How many independent values an array of errors is worth, from its own cosine spectrum (participation ratio).
+    """Effective number of independent values of an array of errors, from its cosine spectrum (participation ratio).
 
     k modes of equal variance give k on average, a single one gives 1: ``3 (sum P)^2 / sum P^2 - 2``.
     """
@@ -111,7 +111,7 @@ def independent_samples(z: Field) -> float:
 
 
 def _coverage(name: str, z: Field, values: float) -> Iterator[Score]:
-    """The fraction of many errors that lies within the stated 68 % and 95 %: sigmas too small and too large both show."""
+    """Fraction of errors within the stated 68 % and 95 % intervals, which shows too small and too large uncertainties."""
     for percent, level in LEVELS.items():
         limit = float(np.sqrt(_chi_square(level, 1)))
         chance = float(np.sqrt(level * (1 - level) / values))
@@ -128,7 +128,7 @@ def _drift(errors: RunErrors) -> Iterator[Score]:
     widest = np.unravel_index(int(np.argmax(np.abs(change))), change.shape)
     for at, one in enumerate(drift):
         for axis in (0, 1):
-            # The ends lie on both sides of the middle, and what is wrong within a frame is mostly the rate: their sigmas add.
+            # The ends are on both sides of the middle, and the error within a frame is mostly one of the rate: their sigmas add.
             sigma = float(one.sigma_px[0, axis] + one.sigma_px[-1, axis])
             value = float(one.measured_px[-1, axis] - one.measured_px[0, axis])
             largest = (at, axis) == widest
@@ -180,8 +180,8 @@ def _displacement(errors: RunErrors) -> Iterator[Score]:
     error, sigma = (np.stack(part) for part in zip(*((one.displacement_px, one.sigma_px) for one in errors.frames), strict=True))
     z = np.where(valid[..., None], error / np.maximum(sigma, 1e-12), 0.0)
     values = sum(independent_samples(z[..., axis]) for axis in (0, 1))
-    found, said = _rms(error[valid]), _rms(sigma[valid])
-    yield Score("displacement, rms error", 0.0, found, said, "px", values)
+    found, stated = _rms(error[valid]), _rms(sigma[valid])
+    yield Score("displacement, rms error", 0.0, found, stated, "px", values)
     yield from _coverage("displacement of points", z[valid], values)
     yield Score("noise floor", found, errors.noise_floor_px, found / float(np.sqrt(2 * values)), "px")
 
@@ -210,10 +210,10 @@ def _phase_strain(errors: RunErrors, phase: Phase, frames: list[FrameErrors]) ->
     at = np.unravel_index(int(np.argmax(np.abs(error))), error.shape)
     name = f"mean strain, {phase.value}, the worst of {len(frames)} frames"
     yield Score(name, 0.0, float(error[at]), float(sigma[at]), "1e-6", candidates=float(error.size))
-    said = np.array([(one.sigma_px[one.valid] ** 2).mean(axis=0) for one in frames]).mean(axis=0)
+    stated = np.array([(one.sigma_px[one.valid] ** 2).mean(axis=0) for one in frames]).mean(axis=0)
     points = frames[0].window_points
-    expected = noise_scatter(errors.grid, points, *(float(np.sqrt(one)) for one in said), full=False)
-    # Every map holds the noise of frame 0, half of its variance: many frames are worth at most four.
+    expected = noise_scatter(errors.grid, points, *(float(np.sqrt(one)) for one in stated), full=False)
+    # Every map contains the noise of frame 0, half of its variance: many frames count as at most four.
     gauges = effective_sample_size(errors.grid, points) * len(frames) / (1 + (len(frames) - 1) / 4)
     for c, component in enumerate(COMPONENTS):
         noise, found = (1e6 * one for one in (getattr(expected, component), _rms(np.array([one.strain_sd[c] for one in frames]))))
@@ -222,5 +222,5 @@ def _phase_strain(errors: RunErrors, phase: Phase, frames: list[FrameErrors]) ->
 
 
 def _chi_square(level: float, freedom: float) -> float:
-    """Quantile of chi-square, without scipy.stats, whose import takes a second of every command."""
+    """Quantile of chi-square without scipy.stats, whose import takes a second."""
     return 2.0 * float(gammaincinv(0.5 * freedom, level))

@@ -1,4 +1,4 @@
-"""What a log's images show beside its maps: rows and grey levels, each image decoded once."""
+"""Row series and intensity data from the images of a log; each image is decoded once."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from semlive.service.log.image_pairs import imaged_pairs
 from semlive.service.log.pairs import has_images, log_settings, topic_counts
 
 MAX_PAIRS = 40
-"""What jitter, waves and grey levels are known from; 30 MB of rows."""
+"""Maximum number of pairs for the row and intensity channels; 30 MB of row data."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageData:
-    """What images show.
+    """Data from the images of a log.
 
     Attributes:
-        rows: of each pair.
-        no_rows: why there are none; empty if there are.
-        grey: of each frame; None where there is nothing to compare.
-        no_grey: why there is none; empty if there is.
+        rows: row series of each pair.
+        no_rows: reason for missing row series; empty if there are some.
+        grey: intensity data of all frames; None without a reference.
+        no_grey: reason for missing intensity data; empty if there are some.
     """
 
     rows: tuple[RowSeries, ...]
@@ -35,7 +35,7 @@ class ImageData:
 
 
 def channels_of_log(log: Path, watch: Callable[[str, int, int], None] | None = None) -> ImageData:
-    """Of the pairs of a log, evenly chosen where there are many.
+    """Read the image channels of the pairs of a log, of every n-th pair in long logs.
 
     Raises:
         BadLog: the log cannot be read.
@@ -47,11 +47,11 @@ def channels_of_log(log: Path, watch: Callable[[str, int, int], None] | None = N
     rows: list[RowSeries] = []
     grey = IntensityReader()
     for done, pair in enumerate(imaged_pairs(log, log_settings(log).scan, every), start=1):
-        one = register_pair_rows(pair)
-        if one is not None:
-            rows.append(one)
+        row_data = register_pair_rows(pair)
+        if row_data is not None:
+            rows.append(row_data)
         grey.take(pair)
         if watch is not None:
             watch("image", done, max(done, count // every))
-    seen = grey.series()
-    return ImageData(tuple(rows), "" if rows else NO_ROWS, seen, "" if seen is not None else NO_REFERENCE)
+    intensity = grey.series()
+    return ImageData(tuple(rows), "" if rows else NO_ROWS, intensity, "" if intensity is not None else NO_REFERENCE)

@@ -1,4 +1,4 @@
-"""Rows of a log's images, registered against the disparity maps that the log holds."""
+"""Row registration of a log's images, based on its disparity maps."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from semlive.errors import BadInput
 from semlive.service.log.image_pairs import ImagedPair
 
 PIECE_PX = 42.0
-"""Of a row: a quarter of the wave that 60 Hz makes at 0.1 ms a pixel; registration needs 40 px."""
+"""Width of a row segment: a quarter of the wavelength of 60 Hz at 0.1 ms per pixel; registration needs 40 px."""
 MAX_SEGMENTS = 24
 NO_ROW_IMAGES = (
     "the log holds no images, so rows cannot be registered: "
-    "hum, vibration and jitter, of which disparity maps show a sixtieth, are not looked for"
+    "hum, vibration and jitter, which disparity maps attenuate to a sixtieth, are not tested"
 )
 NO_ROWS = "no pair of the log could be registered row by row"
 
 
 def register_pair_rows(pair: ImagedPair) -> RowSeries | None:
-    """Rows of a pair; None where they cannot be registered."""
+    """Row series of a pair; None if its rows cannot be registered."""
     decision, within = pair.decision, pair.within
     pieces = int(min(MAX_SEGMENTS, decision.first.width_px // PIECE_PX))
     if within is None or pieces < 2:

@@ -9,9 +9,9 @@ from semlive.model.effects.run_geometry import RunGeometry, field_column, times_
 
 WIDTHS_PX = (60.0, 120.0)
 SPACING_PX = 75.0
-# Time constants of the charge, as fractions of the run. Their sums approximate all exponentials with time constants from 1/13 of the run, and
-# stretched ones, within 1.4 %. Three columns of a slow random process had errors of 4 to 12 %, and half of the spots of 0.07 px gave two
-# effects or UNKNOWN.
+# Time constants of the charge, as fractions of the run. Their sums approximate all exponentials with time constants from 1/13 of the run,
+# and stretched ones, within 1.4 %. Three columns of a slow random process had errors of 4 to 12 %, and half of the spots of 0.07 px gave
+# two effects or UNKNOWN.
 CHARGING = (0.05, 0.25, 1.0)
 
 

@@ -7,8 +7,9 @@ import numpy as np
 from semlive.model.effects.effect_class import BasisField, EffectClass, NonlinearParameter, Recurrence, SlowDriftLaw, Values
 from semlive.model.effects.run_geometry import Array, RunGeometry
 
-# Affine part of the distortion, which pairs do not determine (gauges F1, F2): displacements half a width right of the centre, and as far below.
-# Without it a distortion drift of eight times the detection limit was identified together with a raster rotation and further effects.
+# Affine part of the distortion, which pairs do not determine (gauges F1, F2): displacements half a width right of the centre, and as far
+# below. Without it a distortion drift of eight times the detection limit was identified together with a raster rotation and further
+# effects.
 AFFINE = ("affine_xx_px", "affine_yx_px", "affine_xy_px", "affine_yy_px")
 
 
