@@ -14,8 +14,9 @@ from scipy.stats import chi2
 
 from semlive.data.diagnosis.effects import DomainTest
 from semlive.data.pair import PairDecision
-from semlive.diagnose.baseline.baseline import HyperparameterGrid, design, with_free_distortion
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, with_free_distortion
 from semlive.diagnose.baseline.bayes_factor import project
+from semlive.diagnose.baseline.design_matrix import design
 from semlive.diagnose.baseline.noise_scale import residual_scale, rough_modes
 from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, make_observation, step_conditions
 from semlive.diagnose.baseline.whitening import make_whitener, most_likely_length_px

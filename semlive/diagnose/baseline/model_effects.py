@@ -12,7 +12,8 @@ from scipy.interpolate import RBFInterpolator
 from semlive.data.diagnosis.effects import ModelEffect
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline.baseline import BaselineEffect, HyperparameterGrid, build_grid
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
+from semlive.diagnose.baseline.design_matrix import BaselineEffect
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation

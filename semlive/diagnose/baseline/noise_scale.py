@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid, design
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid
+from semlive.diagnose.baseline.design_matrix import design
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.whitening import make_whitener, most_likely_length_px, rough_cholesky
 from semlive.model.effects import RunGeometry

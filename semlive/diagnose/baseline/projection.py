@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.diagnose.baseline.baseline import DesignMatrix, HyperparameterGrid
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.design_matrix import DesignMatrix
 from semlive.model.effects import EffectClass, RunGeometry
 
 Array = NDArray[np.float64]

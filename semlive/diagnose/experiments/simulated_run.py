@@ -13,7 +13,8 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.scan import ScanTiming
-from semlive.diagnose.baseline.baseline import BaselineEffect, HyperparameterGrid, design, prior_point
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, prior_point
+from semlive.diagnose.baseline.design_matrix import BaselineEffect, design
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.baseline.observation import Observation, StepConditions, drift_px, make_observation
 from semlive.errors import IllPosed

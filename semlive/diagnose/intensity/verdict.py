@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from semlive.data.diagnosis.channels import IntensityDiagnosis, IntensityHistory
@@ -23,7 +24,6 @@ from semlive.diagnose.intensity.models import (
     step_at,
 )
 from semlive.diagnose.intensity.residual_tests import ResidualTest, residual_tests
-from semlive.diagnose.intensity.step import curve_parameters
 from semlive.diagnose.intensity.time_series import IntensityTimeSeries, intensity_time_series
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
 from semlive.model.effects.intensity import CHARGING_JUMP, CONTAMINATION, DEFOCUS, GAMMA_CHANGE
@@ -229,3 +229,40 @@ def _histories(time_series: IntensityTimeSeries, intensity_models: Sequence[Inte
         IntensityHistory(name, unit, tuple(value[:, at].tolist()), float(sigma[at]), tuple(fitted[:, at].tolist()))
         for at, (name, unit) in enumerate(names)
     )
+
+
+PRIOR_MEAN = np.array([1.0, 1.0, 0.0])
+
+
+PRIOR_SD = np.array([1.0, 1.0, 100.0])
+"""Prior standard deviations of gain, gamma and offset: a pattern of two grey levels does not determine three parameters."""
+
+
+def curve_parameters(change: Array, covariance: Array, grey: Array) -> tuple[ParameterEstimate, ...]:
+    """Parameters a, g and b of I -> 255 a (I / 255)^g + b.
+
+    Args:
+        change: (3,) change of the mean, grey levels, of the gain, and of the curvature, grey levels at unit contrast.
+        covariance: (3, 3) covariance of the change.
+        grey: (n,) grey levels of the pattern, without noise.
+    """
+    grey = np.clip(grey, 1.0, 254.0)
+    mean, contrast = float(grey.mean()), float(grey.std())
+    own = (grey - mean) / contrast
+    shapes = np.stack([np.ones_like(own), own, own**2 - 1.0], axis=-1)
+    project = np.linalg.pinv(shapes)
+
+    def changed(parameters: Array) -> Array:
+        gain, gamma, offset = parameters
+        misfit = project @ (255.0 * gain * (grey / 255.0) ** gamma + offset - grey)
+        return np.array([misfit[0], misfit[1] / contrast, misfit[2]])
+
+    weigh = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.eye(3)))
+
+    def misfit(parameters: Array) -> Array:
+        return np.concatenate([weigh @ (changed(parameters) - change), (parameters - PRIOR_MEAN) / PRIOR_SD])
+
+    fit = least_squares(misfit, PRIOR_MEAN, x_scale=np.array([0.1, 0.1, 10.0]))
+    sigma = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac)))
+    labels = (("gain", "1"), ("gamma", "1"), ("offset_levels", "levels"))
+    return tuple(ParameterEstimate(name, float(value), float(s), unit) for (name, unit), value, s in zip(labels, fit.x, sigma, strict=True))

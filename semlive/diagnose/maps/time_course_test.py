@@ -11,8 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.diagnose.baseline.baseline import BaselineEffect, DesignMatrix, HyperparameterGrid, point_like
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, point_like
 from semlive.diagnose.baseline.bayes_factor import log_factor, project
+from semlive.diagnose.baseline.design_matrix import BaselineEffect, DesignMatrix
 from semlive.diagnose.maps.refinement import RefinedEffect
 from semlive.model.effects import RunGeometry
 from semlive.model.effects.run_geometry import slow_gaussian_process

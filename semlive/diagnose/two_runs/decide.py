@@ -15,18 +15,13 @@ from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
 from semlive.data.diagnosis.two_runs import SharedEffect, TwoRunVerdict
-from semlive.diagnose.baseline.baseline import (
-    BaselineEffect,
-    HyperparameterGrid,
-    HyperparameterPoint,
-    build_grid,
-    evaluate_point,
-    point_like,
-)
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, HyperparameterPoint, build_grid, evaluate_point, point_like
 from semlive.diagnose.baseline.bayes_factor import ProjectedField, score_candidates, sizes_of
+from semlive.diagnose.baseline.design_matrix import BaselineEffect
 from semlive.diagnose.baseline.observation import sample_within_blocks
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR
-from semlive.diagnose.maps.refinement import optimise_parameters, parameter_uncertainty, reported_parameters
+from semlive.diagnose.maps.parameter_search import optimise_parameters, parameter_uncertainty
+from semlive.diagnose.maps.refinement import reported_parameters
 from semlive.diagnose.two_runs.scan_rotation import analyse_scan_rotation, same_scan_times, scan_times_s
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.arrowhead import ComponentBlocks, factorise
