@@ -35,10 +35,10 @@ def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, 
     for effect in found.effects:
         body += [f"<h2>{html.escape(effect.name)}</h2>", _effect(effect), _course(found, effect.model_effect.name)]
     if found.gap is not None:
-        body += ["<h2>Gap on held-out pairs</h2>", _gap(found.gap)]
+        body += ["<h2>Misfit on held-out pairs</h2>", _gap(found.gap)]
     if found.figure_data is not None:
         body += ["<h2>Before and after</h2>", _maps(found.figure_data), "<h2>Effect on strain</h2>", _on_strain(found.figure_data)]
-    body += ["<h2>Where model and data disagree, before</h2>", _where(found)]
+    body += ["<h2>Residual tests by domain, without effects</h2>", _where(found)]
     body += ["<h2>Evidence</h2>", _evidence(found.evidence)]
     if found.overlap:
         body += ["<h2>Overlap</h2>", _overlap(found)]

@@ -82,9 +82,9 @@ def intensity_time_series(series: IntensityFrames) -> IntensityTimeSeries:
     used = reference.measured & np.all([frame.measured for frame in frames], axis=0) if frames else reference.measured
     pair = np.array([frame.frame // 2 for frame in frames])
     if used.sum() < MIN_BLOCKS:
-        raise IllPosed(f"grey: fewer than {MIN_BLOCKS} blocks are in all frames")
+        raise IllPosed(f"intensity: fewer than {MIN_BLOCKS} blocks are in all frames")
     if sum(int(np.sum(pair == value) == 2) for value in set(pair.tolist())) < MIN_PAIRS - 1:
-        raise IllPosed(f"grey: fewer than {MIN_PAIRS} pairs have images and maps from frame 0")
+        raise IllPosed(f"intensity: fewer than {MIN_PAIRS} pairs have images and maps from frame 0")
     bands = _bands(reference.blocks.y_px, used)
     value = np.stack([[_terms(series, frame, blocks) for blocks in bands] for frame in frames])
     middle = np.array([[frame.row_px[blocks].mean() for blocks in bands] for frame in frames])

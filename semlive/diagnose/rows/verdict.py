@@ -69,7 +69,7 @@ def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, model_effects: Seq
         IllPosed: there are too few rows.
     """
     if not series or min(len(run_series.row_px) for run_series in series) < MIN_ROWS:
-        raise IllPosed(f"rows: fewer than {MIN_ROWS} in a frame, too few to name anything")
+        raise IllPosed(f"rows: fewer than {MIN_ROWS} in a frame, too few to identify an effect")
     residual_series = tuple(series)
     for model_effect in model_effects:
         frequency_hz = dict(model_effect.values).get("frequency_hz")

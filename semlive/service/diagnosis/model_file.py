@@ -60,7 +60,7 @@ class Model:
     @property
     def effect_model(self) -> EffectModel:
         """Effects for the pipeline."""
-        return EMPTY_MODEL if self.section is None else self.section.model_effects()
+        return EMPTY_MODEL if self.section is None else self.section.known()
 
 
 def read_model(path: Path) -> Model:

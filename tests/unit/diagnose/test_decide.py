@@ -89,7 +89,7 @@ def test_a_distortion_that_goes_with_the_scan_by_no_known_law_is_unknown() -> No
 
 
 def test_runs_that_were_scanned_alike_decide_nothing() -> None:
-    with pytest.raises(IllPosed, match="scanned alike"):
+    with pytest.raises(IllPosed, match="equal scan times"):
         compare_runs((run(44, grid=COARSE), run(1044, bent_like=44, grid=COARSE)))
 
 

@@ -170,7 +170,7 @@ def test_the_experiment_that_decides_in_the_least_time_is_proposed() -> None:
     assert slow.summary == "other scan, 2 times the dwell"
 
     told = ranked(ExperimentProposal(ALIKE, "park the stage"), (weak, slow))
-    assert told.about.startswith("other scan, 2 times the dwell, 60 minutes: what goes with the dwell")
+    assert told.about.startswith("other scan, 2 times the dwell, 60 minutes: effects that follow the dwell")
     assert told.about.endswith("(or: park the stage)")
     assert told.forecasts == (weak, slow)
     assert ranked(ExperimentProposal(ALIKE, "park the stage"), (weak,)).about == "park the stage"
