@@ -188,7 +188,9 @@ def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
     joint = join_runs(runs)
     separate_log_odds = sum(join_runs([run]).point.evidence for run in runs) - joint.point.evidence
     screening = [
-        _with_refitted_smoothness(joint, runs) for family in TWO_RUN_EFFECT_CLASSES if (joint := _joint_evidence(joint, family)) is not None
+        _with_refitted_smoothness(tested, runs)
+        for family in TWO_RUN_EFFECT_CLASSES
+        if (tested := _joint_evidence(joint, family)) is not None
     ]
     evidence = _separate_evidence(runs) | {candidate.family.name: candidate.log_factor for candidate in screening}
     ranked = tuple(sorted(evidence.items(), key=lambda item: -item[1]))
@@ -222,11 +224,11 @@ def _require_comparable(runs: Sequence[HyperparameterGrid]) -> None:
         )
 
 
-def _joint_evidence(both: JointBaseline, family: EffectClass) -> _JointEvidence | None:
+def _joint_evidence(joint: JointBaseline, family: EffectClass) -> _JointEvidence | None:
     """Evidence for an effect class from all runs: mean over basis fields and sizes, and the most likely of them."""
     sizes, tried = sizes_of(family), []
-    for values in _JointObjective(both, family, 0.0).grid():
-        evaluated = _JointObjective(both, family, 0.0).evaluate(values)
+    for values in _JointObjective(joint, family, 0.0).grid():
+        evaluated = _JointObjective(joint, family, 0.0).evaluate(values)
         if evaluated is not None:
             tried.append((dict(values), evaluated.log_factor(sizes)[0]))
     if not tried:
@@ -234,7 +236,7 @@ def _joint_evidence(both: JointBaseline, family: EffectClass) -> _JointEvidence 
     each = np.stack([factors for _, factors in tried])
     basis_field, size = np.unravel_index(int(np.argmax(each)), each.shape)
     factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(each.size)
-    return _JointEvidence(both, family, factor, tried[int(basis_field)][0], float(sizes[int(size)]))
+    return _JointEvidence(joint, family, factor, tried[int(basis_field)][0], float(sizes[int(size)]))
 
 
 def _with_refitted_smoothness(screening: _JointEvidence, runs: Sequence[HyperparameterGrid]) -> _JointEvidence:
