@@ -34,6 +34,9 @@ TESTS = 4
 """Number of simultaneous tests: three effect classes and unnamed changes."""
 MIN_LEVELS = 0.3
 """Smallest significant residual, grey levels: real brightness varies by this much, which does not affect ZNSSD correlation."""
+PRIOR_MEAN = np.array([1.0, 1.0, 0.0])
+PRIOR_SD = np.array([1.0, 1.0, 100.0])
+"""Prior standard deviations of gain, gamma and offset: a pattern of two grey levels does not determine three parameters."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,13 +232,6 @@ def _histories(time_series: IntensityTimeSeries, intensity_models: Sequence[Inte
         IntensityHistory(name, unit, tuple(value[:, at].tolist()), float(sigma[at]), tuple(fitted[:, at].tolist()))
         for at, (name, unit) in enumerate(names)
     )
-
-
-PRIOR_MEAN = np.array([1.0, 1.0, 0.0])
-
-
-PRIOR_SD = np.array([1.0, 1.0, 100.0])
-"""Prior standard deviations of gain, gamma and offset: a pattern of two grey levels does not determine three parameters."""
 
 
 def curve_parameters(change: Array, covariance: Array, grey: Array) -> tuple[ParameterEstimate, ...]:

@@ -16,6 +16,14 @@ from semlive.service.log.pairs import has_images, log_settings, topic_counts
 
 MAX_PAIRS = 40
 """Maximum number of pairs for the row and intensity channels; 30 MB of row data."""
+PIECE_PX = 42.0
+"""Width of a row segment: a quarter of the wavelength of 60 Hz at 0.1 ms per pixel; registration needs 40 px."""
+MAX_SEGMENTS = 24
+NO_ROW_IMAGES = (
+    "the log holds no images, so rows cannot be registered: "
+    "hum, vibration and jitter, which disparity maps attenuate to a sixtieth, are not tested"
+)
+NO_ROWS = "no pair of the log could be registered row by row"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,22 +64,6 @@ def channels_of_log(log: Path, watch: Callable[[str, int, int], None] | None = N
             watch("image", done, max(done, count // every))
     intensity = grey.series()
     return ImageData(tuple(rows), "" if rows else NO_ROWS, intensity, "" if intensity is not None else NO_REFERENCE)
-
-
-PIECE_PX = 42.0
-"""Width of a row segment: a quarter of the wavelength of 60 Hz at 0.1 ms per pixel; registration needs 40 px."""
-
-
-MAX_SEGMENTS = 24
-
-
-NO_ROW_IMAGES = (
-    "the log holds no images, so rows cannot be registered: "
-    "hum, vibration and jitter, which disparity maps attenuate to a sixtieth, are not tested"
-)
-
-
-NO_ROWS = "no pair of the log could be registered row by row"
 
 
 def register_pair_rows(pair: ImagedPair) -> RowSeries | None:
