@@ -66,12 +66,12 @@ class LogOutcome:
 
 
 def reanalyse(
-    request: Sequence[ReplayRequest], out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None = None
+    requests: Sequence[ReplayRequest], out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None = None
 ) -> tuple[LogOutcome, ...]:
     """Analyse logs and write ``summary.csv``, ``summary.json`` and ``combined.h5``.
 
     Args:
-        request: request for each log.
+        requests: request for each log.
         out: output folder.
         executor: context that provides an executor (see `process_pool` and `dask_executor`).
         progress: called with the number of finished jobs and of all jobs.
@@ -83,11 +83,11 @@ def reanalyse(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{out}: cannot be created ({error.strerror}); give a writable folder.") from error
-    names = _names([one.log for one in request])
-    if len(request) == 1 and _source(request[0]) is Source.IMAGES:
-        done = [_one_long_log(request[0], names[0], out, executor, progress)]
+    names = _names([request.log for request in requests])
+    if len(requests) == 1 and _source(requests[0]) is Source.IMAGES:
+        done = [_one_long_log(requests[0], names[0], out, executor, progress)]
     else:
-        done = _campaign(request, names, out, executor, progress)
+        done = _campaign(requests, names, out, executor, progress)
     _combine(done, out)
     return tuple(done)
 
@@ -139,14 +139,14 @@ def analyse_log(request: ReplayRequest, name: str, part: str) -> LogOutcome:
 
 
 def _campaign(
-    request: Sequence[ReplayRequest],
+    requests: Sequence[ReplayRequest],
     names: Sequence[str],
     out: Path,
     executor: Callable[[], Any],
     progress: Callable[[int, int], None] | None,
 ) -> list[LogOutcome]:
     """Analyse all logs; if a process dies, its log counts as failed and other logs of the broken pool are repeated one by one."""
-    jobs = {at: (one, names[at], str(_part(out, names[at]))) for at, one in enumerate(request)}
+    jobs = {at: (request, names[at], str(_part(out, names[at]))) for at, request in enumerate(requests)}
     outcomes: dict[int, LogOutcome] = {}
     for round_of in ([list(jobs)], [[at] for at in jobs]):
         for group in round_of:
@@ -227,7 +227,7 @@ def _part(out: Path, name: str) -> Path:
 
 
 def _combine(done: Sequence[LogOutcome], out: Path) -> None:
-    rows = [one.row() for one in done]
+    rows = [outcome.row() for outcome in done]
     with (out / "summary.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, list(rows[0]))
         writer.writeheader()
@@ -236,11 +236,11 @@ def _combine(done: Sequence[LogOutcome], out: Path) -> None:
     whole = out / "combined.h5.part"
     with h5py.File(whole, "w") as file:
         logs, summary = file.create_group("logs"), file.create_group("summary")
-        for one in done:
-            part = _part(out, one.name)
-            if one.error is None:
+        for outcome in done:
+            part = _part(out, outcome.name)
+            if outcome.error is None:
                 with h5py.File(part) as own:
-                    group = logs.create_group(one.name)
+                    group = logs.create_group(outcome.name)
                     for name, value in own.attrs.items():
                         group.attrs[name] = value
                     for name in own:

@@ -91,6 +91,6 @@ def residual_quantiles(pictures: DiagnosisFigureData) -> Figure:
     normal, values = pictures.quantiles.T
     axes.plot(normal, normal, color=INK, linewidth=0.7)
     axes.plot(normal, values, ".", color=X_COLOUR, markersize=3.5)
-    axes.set(xlabel="normal distribution", ylabel="found")
+    axes.set(xlabel="normal distribution", ylabel="whitened residual")
     axes.grid(**GRID)
     return figure

@@ -23,36 +23,36 @@ SIGNIFICANT = 7.0
 OVERLAP_LIMIT = 0.9
 
 
-def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, str]] = ()) -> str:
+def diagnosis_html(name: str, diagnosis: Diagnosis, provenance: Sequence[tuple[str, str]] = ()) -> str:
     """The verdict, effects with parameters and time courses, maps, held-out misfit, residual tests, evidence and next experiment.
 
     Args:
         name: name of the log.
-        found: verdict of the diagnosis.
+        diagnosis: verdict of the diagnosis.
         provenance: origin of the report, as pairs of label and value.
     """
-    body = [f"<h1>{html.escape(name)}</h1>", f'<p class="soft">{html.escape(_verdict(found))}</p>']
-    for effect in found.effects:
-        body += [f"<h2>{html.escape(effect.name)}</h2>", _effect(effect), _course(found, effect.model_effect.name)]
-    if found.gap is not None:
-        body += ["<h2>Misfit on held-out pairs</h2>", _gap(found.gap)]
-    if found.figure_data is not None:
-        body += ["<h2>Before and after</h2>", _maps(found.figure_data), "<h2>Effect on strain</h2>", _on_strain(found.figure_data)]
-    body += ["<h2>Residual tests by domain, without effects</h2>", _where(found)]
-    body += ["<h2>Evidence</h2>", _evidence(found.evidence)]
-    if found.overlap:
-        body += ["<h2>Overlap</h2>", _overlap(found)]
-    if found.figure_data is not None:
-        body += ["<h2>Residual</h2>", _residual(found.figure_data)]
-    body += ["<h2>Rows</h2>", _rows(found), "<h2>Grey levels</h2>", _grey(found)]
-    proposal = choose_proposal(found)
+    body = [f"<h1>{html.escape(name)}</h1>", f'<p class="soft">{html.escape(_verdict(diagnosis))}</p>']
+    for effect in diagnosis.effects:
+        body += [f"<h2>{html.escape(effect.name)}</h2>", _effect(effect), _course(diagnosis, effect.model_effect.name)]
+    if diagnosis.gap is not None:
+        body += ["<h2>Misfit on held-out pairs</h2>", _gap(diagnosis.gap)]
+    if diagnosis.figure_data is not None:
+        body += ["<h2>Before and after</h2>", _maps(diagnosis.figure_data), "<h2>Effect on strain</h2>", _on_strain(diagnosis.figure_data)]
+    body += ["<h2>Residual tests by domain, without effects</h2>", _where(diagnosis)]
+    body += ["<h2>Evidence</h2>", _evidence(diagnosis.evidence)]
+    if diagnosis.overlap:
+        body += ["<h2>Overlap</h2>", _overlap(diagnosis)]
+    if diagnosis.figure_data is not None:
+        body += ["<h2>Residual</h2>", _residual(diagnosis.figure_data)]
+    body += ["<h2>Rows</h2>", _rows(diagnosis), "<h2>Grey levels</h2>", _grey(diagnosis)]
+    proposal = choose_proposal(diagnosis)
     if proposal is not None:
         between = ", ".join(proposal.candidates) or "no identified effect"
         about = f"{proposal.kind.value.replace('_', ' ')}, about {between}: {proposal.description}"
         body += [
             "<h2>Next experiment</h2>",
             f"<p>{html.escape(about)}. <code>semlive experiment propose</code> writes its configuration.</p>",
-            _forecasts(found),
+            _forecasts(diagnosis),
         ]
     body += ["<h2>Made from</h2>", _table(("", ""), provenance)]
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{html.escape(name)}</title>'
@@ -63,36 +63,48 @@ def diagnosis_html(name: str, found: Diagnosis, provenance: Sequence[tuple[str, 
     )
 
 
-def _forecasts(found: Diagnosis) -> str:
-    menu = () if found.experiment is None else found.experiment.forecasts
+def _forecasts(diagnosis: Diagnosis) -> str:
+    menu = () if diagnosis.experiment is None else diagnosis.experiment.forecasts
     if not menu:
         return ""
     heads = ("experiment", "minutes of beam time", "ln odds", "ln odds per minute", "hardest pair of effects, the first assumed true")
     rows = [
-        (one.summary, f"{one.minutes:.0f}", f"{one.log_odds:.1f}", f"{one.log_odds_per_minute:.2f}", f"{one.true}, {one.other}")
-        for one in menu
+        (
+            forecast.summary,
+            f"{forecast.minutes:.0f}",
+            f"{forecast.log_odds:.1f}",
+            f"{forecast.log_odds_per_minute:.2f}",
+            f"{forecast.true}, {forecast.other}",
+        )
+        for forecast in menu
     ]
     return "<p>Expected results of experiments:</p>" + _table(heads, rows)
 
 
-def _verdict(found: Diagnosis) -> str:
-    text = found.outcome.value
-    if found.effects:
-        first = found.effects[0]
-        text += f": {' + '.join(one.name for one in found.effects)}, at most {first.peak_px:.3f} px, p = {first.p_value:.3f}"
-    if found.ambiguous:
-        text += f"; equally likely: {', '.join(found.ambiguous)}"
-    if found.group:
-        text += f"; confounded group {found.group}"
-    if found.gap is not None:
-        text += f"; {100 * found.gap.closure:.0f} % of the misfit on held-out pairs explained"
-    return text + "".join(f"; {name}: {UNDERRESOLVED[name]}" for name in found.coarse)
+def _verdict(diagnosis: Diagnosis) -> str:
+    text = diagnosis.outcome.value
+    if diagnosis.effects:
+        first = diagnosis.effects[0]
+        text += f": {' + '.join(effect.name for effect in diagnosis.effects)}, at most {first.peak_px:.3f} px, p = {first.p_value:.3f}"
+    if diagnosis.ambiguous:
+        text += f"; equally likely: {', '.join(diagnosis.ambiguous)}"
+    if diagnosis.group:
+        text += f"; confounded group {diagnosis.group}"
+    if diagnosis.gap is not None:
+        text += f"; {100 * diagnosis.gap.closure:.0f} % of the misfit on held-out pairs explained"
+    return text + "".join(f"; {name}: {UNDERRESOLVED[name]}" for name in diagnosis.coarse)
 
 
 def _effect(effect: IdentifiedEffect) -> str:
     rows = [
-        (one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", f"{one.value / one.sigma:.1f}" if one.sigma > 0 else "", one.unit)
-        for one in effect.parameters
+        (
+            parameter.name,
+            f"{parameter.value:.4g}",
+            f"{parameter.sigma:.2g}",
+            f"{parameter.value / parameter.sigma:.1f}" if parameter.sigma > 0 else "",
+            parameter.unit,
+        )
+        for parameter in effect.parameters
     ]
     attenuation = f"A correction would remove {_share(effect.strain_attenuation)} of a strain"
     if effect.modulus_bias is not None:
@@ -109,12 +121,12 @@ def _share(attenuation: float) -> str:
     return f"{100 * attenuation:.2g} %" if attenuation < 0.995 else "all"
 
 
-def _course(found: Diagnosis, name: str) -> str:
+def _course(diagnosis: Diagnosis, name: str) -> str:
     """Profile of the effect over time or load; row effects are shown in the spectrum."""
     if non_map_effect(name) is not None:
         return ""  # the spectrum is a separate section
-    profiles = () if found.figure_data is None else found.figure_data.profiles
-    return "".join(image(effect_profile(one), f"time course of {one.name}") for one in profiles if one.name == name)
+    profiles = () if diagnosis.figure_data is None else diagnosis.figure_data.profiles
+    return "".join(image(effect_profile(profile), f"time course of {profile.name}") for profile in profiles if profile.name == name)
 
 
 def _maps(pictures: DiagnosisFigureData) -> str:
@@ -127,13 +139,13 @@ def _maps(pictures: DiagnosisFigureData) -> str:
 
 def _on_strain(pictures: DiagnosisFigureData) -> str:
     rows = []
-    for one in pictures.on_strain:
+    for bias in pictures.on_strain:
         by = (
             ("", "")
-            if one.modulus_change is None or one.poissons_ratio_change is None
-            else (f"{100 * one.modulus_change:+.3g} %", f"{one.poissons_ratio_change:+.2g}")
+            if bias.modulus_change is None or bias.poissons_ratio_change is None
+            else (f"{100 * bias.modulus_change:+.3g} %", f"{bias.poissons_ratio_change:+.2g}")
         )
-        rows.append((one.name, f"{one.exx:+.2e}", f"{one.eyy:+.2e}", f"{one.exy:+.2e}", *by))
+        rows.append((bias.name, f"{bias.exx:+.2e}", f"{bias.eyy:+.2e}", f"{bias.exy:+.2e}", *by))
     about = "Bias of the mean strain at the highest load by each effect, and change of the elastic constants by its correction."
     headings = ("effect", "exx", "eyy", "exy", "Young's modulus", "Poisson's ratio")
     return _table(headings, rows) + f'<p class="soft">{html.escape(about)}</p>'
@@ -145,10 +157,10 @@ def _residual(pictures: DiagnosisFigureData) -> str:
     return image(residual_quantiles(pictures), "quantiles of the residual") + f'<p class="soft">{about}</p>'
 
 
-def _rows(found: Diagnosis) -> str:
-    rows = found.rows
+def _rows(diagnosis: Diagnosis) -> str:
+    rows = diagnosis.rows
     if rows is None:
-        return f"<p>{html.escape(found.rows_unavailable or 'Rows were not analysed.')}</p>"
+        return f"<p>{html.escape(diagnosis.rows_unavailable or 'Rows were not analysed.')}</p>"
     gap = "" if rows.gap is None else _gap(rows.gap)
     about = (
         f"{rows.pairs} pairs of {rows.rows} rows, uncertainty {rows.noise_px:.4f} px per row. Columns resolve frequencies that rows "
@@ -157,16 +169,16 @@ def _rows(found: Diagnosis) -> str:
     return image(row_spectrum(rows), "spectrum of the rows") + f'<p class="soft">{html.escape(about)}</p>' + gap
 
 
-def _grey(found: Diagnosis) -> str:
-    grey = found.grey
+def _grey(diagnosis: Diagnosis) -> str:
+    grey = diagnosis.grey
     if grey is None:
-        return f"<p>{html.escape(found.intensity_unavailable or 'Grey levels were not analysed.')}</p>"
+        return f"<p>{html.escape(diagnosis.intensity_unavailable or 'Grey levels were not analysed.')}</p>"
     unexplained = f" Unexplained: {grey.unexplained}." if grey.unexplained else ""
     about = (
         f"{grey.frames} frames in {grey.blocks} blocks fixed to the specimen, relative to the first pair: mean {grey.mean_levels:.0f}, "
         f"contrast {grey.contrast_levels:.0f} grey levels, at most {100 * grey.clipped:.2g} % black or white.{unexplained}"
     )
-    rows = [(one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", one.unit) for one in grey.noise]
+    rows = [(term.name, f"{term.value:.4g}", f"{term.sigma:.2g}", term.unit) for term in grey.noise]
     noise = _table(("variance a + b I of a pixel", "value", "sigma", "unit"), rows)
     return image(intensity_history(grey), "time series of grey levels") + f'<p class="soft">{html.escape(about)}</p>' + noise
 
@@ -178,25 +190,25 @@ def _gap(gap: HeldOutMisfit) -> str:
     return bars + f"<p>{100 * gap.closure:.0f} % explained, 95 % interval {100 * low:.0f} to {100 * high:.0f} %.</p>"
 
 
-def _where(found: Diagnosis) -> str:
-    rows = [(one.domain, f"{one.p_value:.3f}", f"{one.rms_px:.4f}") for one in sorted(found.where, key=lambda one: one.p_value)]
+def _where(diagnosis: Diagnosis) -> str:
+    rows = [(test.domain, f"{test.p_value:.3f}", f"{test.rms_px:.4f}") for test in sorted(diagnosis.where, key=lambda test: test.p_value)]
     return _table(("domain", "p, family-wise", "rms px"), rows)
 
 
 def _evidence(evidence: Sequence[tuple[str, float]]) -> str:
     """The most likely effects; the baseline without a missing effect is at zero."""
-    largest = sorted((*evidence, ("nothing", 0.0)), key=lambda one: -one[1])[:MAX_ROWS_SHOWN]
+    largest = sorted((*evidence, ("nothing", 0.0)), key=lambda entry: -entry[1])[:MAX_ROWS_SHOWN]
     return _bars([(name, max(size, 0.0), f"{size:.1f}", size >= SIGNIFICANT) for name, size in largest]) + (
         '<p class="soft">Logarithm of the Bayes factor against the model without a missing effect, before any effect was added.</p>'
     )
 
 
-def _overlap(found: Diagnosis) -> str:
+def _overlap(diagnosis: Diagnosis) -> str:
     """Effects that overlap with the first effect."""
-    bars = _bars([(name, share, f"{100 * share:.0f} %", share >= OVERLAP_LIMIT) for name, share in found.overlap[:MAX_ROWS_SHOWN]])
-    group = f" Confounded group {found.group}." if found.group else ""
+    bars = _bars([(name, share, f"{100 * share:.0f} %", share >= OVERLAP_LIMIT) for name, share in diagnosis.overlap[:MAX_ROWS_SHOWN]])
+    group = f" Confounded group {diagnosis.group}." if diagnosis.group else ""
     about = (
-        f"Fraction of {found.effects[0].name}, after the fit of drift, distortion and motion, that each other effect explains with free "
+        f"Fraction of {diagnosis.effects[0].name}, after the fit of drift, distortion and motion, explained by each other effect with free "
         f"amplitudes: effects above {100 * OVERLAP_LIMIT:.0f} % are hard to separate.{group}"
     )
     return bars + f'<p class="soft">{html.escape(about)}</p>'
@@ -212,6 +224,6 @@ def _bars(rows: Sequence[tuple[str, float, str, bool]]) -> str:
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{html.escape(one)}</th>" for one in headings)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(one)}</td>" for one in row) + "</tr>" for row in rows)
+    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in headings)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f'<div class="scroll"><table><tr>{head}</tr>{body}</table></div>'

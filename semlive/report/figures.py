@@ -114,7 +114,7 @@ def gage_comparison(gage: StrainGageComparison) -> Figure:
     """Axial strain of DIC over that of the gage at every load step, and the residual of the fitted line (Fig. 14)."""
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    by_gage, by_dic, sigma = (np.array([getattr(one, name) for one in gage.steps]) for name in ("gage_strain", "dic_strain", "dic_sigma"))
+    by_gage, by_dic, sigma = (np.array([getattr(step, name) for step in gage.steps]) for name in ("gage_strain", "dic_strain", "dic_sigma"))
     slope = gage.dic_over_gage.value
     weight = sigma**-2.0
     line = np.average(by_dic, weights=weight) + slope * (by_gage - np.average(by_gage, weights=weight))
@@ -132,7 +132,7 @@ def gage_comparison(gage: StrainGageComparison) -> Figure:
 
 def _stress_points(result: RunResult, area_mm2: float, loading_axis: str) -> NDArray[np.float64]:
     """(n, 3) stress in MPa, axial and transverse mean strain of every tension frame."""
-    frames = {one.frame: one.mean for one in result.summaries}
+    frames = {summary.frame: summary.mean for summary in result.summaries}
     rows = []
     for decision in result.decisions:
         if decision.step.phase is Phase.TENSION and decision.loads:

@@ -112,7 +112,7 @@ def noise_scatter(
         by_y.append(_variance(mean_x, x, slope_y, y) / grid.step_px**2)
     u2, v2 = sigma_u_px**2, sigma_v_px**2
     variances = (flat[0] * u2, flat[1] * v2, by_x[0] * u2, by_y[1] * v2, 0.25 * (by_y[0] * u2 + by_x[1] * v2))
-    return NoiseScatter(*(float(np.sqrt(one)) for one in variances))
+    return NoiseScatter(*(float(np.sqrt(variance)) for variance in variances))
 
 
 def effective_sample_size(grid: Grid, window_points: int = 1) -> float:

@@ -175,17 +175,17 @@ def refused_html(facts: LogFacts) -> str:
     """Number of rejected files by reason, with an expandable list; with continuous scanning most frames are not part of a pair."""
     if not facts.refused:
         return f"<p>None of {facts.files} files.</p>" if facts.files else "<p>The log contains none.</p>"
-    count = Counter(_REASON_NUMBERS.sub("#", one.reason.removeprefix(one.name).strip()) for one in facts.refused)
+    count = Counter(_REASON_NUMBERS.sub("#", file.reason.removeprefix(file.name).strip()) for file in facts.refused)
     text = f"<p>{len(facts.refused)} of {facts.files} files were not used.</p>"
     reasons = _table(("reason", "files"), [(reason, str(times)) for reason, times in count.most_common()])
-    rows = [("" if one.export is None else str(one.export), one.name, one.reason) for one in facts.refused]
+    rows = [("" if file.export is None else str(file.export), file.name, file.reason) for file in facts.refused]
     return f"{text}{reasons}<details><summary>each of them</summary>{_table(('export', 'file', 'reason'), rows)}</details>"
 
 
 def _all_settings(settings: AnalysisSettings, facts: LogFacts) -> str:
     rows = [(key, str(value)) for key, value in as_keys(settings).items()]
-    found = f"<details><summary>every setting of the analysis</summary>{_table(('key', 'value'), rows)}</details>"
-    return found + _configuration(facts)
+    details = f"<details><summary>every setting of the analysis</summary>{_table(('key', 'value'), rows)}</details>"
+    return details + _configuration(facts)
 
 
 def _configuration(facts: LogFacts) -> str:
@@ -204,6 +204,6 @@ def _versions(facts: LogFacts) -> str:
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{html.escape(one)}</th>" for one in headings)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(one)}</td>" for one in row) + "</tr>" for row in rows)
+    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in headings)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f'<div class="scroll"><table><tr>{head}</tr>{body}</table></div>'

@@ -42,8 +42,8 @@ def drift_within_frames(result: RunResult) -> Figure:
 
 def pair_residual(result: RunResult) -> Figure | None:
     """Fig. 6: residual between the two frames of the middle pair after correction; None without stored fields."""
-    frames = {one.summary.frame: one.displacement for one in result.frames}
-    pairs = [one.pair for one in result.decisions if 2 * one.pair in frames and 2 * one.pair + 1 in frames]
+    frames = {frame.summary.frame: frame.displacement for frame in result.frames}
+    pairs = [decision.pair for decision in result.decisions if 2 * decision.pair in frames and 2 * decision.pair + 1 in frames]
     if not pairs:
         return None
     pair = pairs[len(pairs) // 2]
@@ -71,12 +71,14 @@ def pair_residual(result: RunResult) -> Figure | None:
 
 def distortion_residual(result: RunResult) -> Figure | None:
     """Fig. 7: mean residual of the unloaded frames after correction, without rigid motion and mean strain: uncorrected distortion."""
-    phases = {one.pair: one.step.phase for one in result.decisions}
-    moved = [one.displacement for one in result.frames if phases[one.summary.frame // 2] is not Phase.TENSION and one.summary.frame > 1]
+    phases = {decision.pair: decision.step.phase for decision in result.decisions}
+    moved = [
+        frame.displacement for frame in result.frames if phases[frame.summary.frame // 2] is not Phase.TENSION and frame.summary.frame > 1
+    ]
     if len(moved) < 2:
         return None
     grid = moved[0].grid
-    count = np.sum([one.valid for one in moved], axis=0)
+    count = np.sum([field.valid for field in moved], axis=0)
     valid = count >= max(2, len(moved) // 2)
     if valid.sum() < 6:
         return None
@@ -84,7 +86,7 @@ def distortion_residual(result: RunResult) -> Figure | None:
     left, middle, right = figure.subplots(1, 3)
     sizes = []
     for axes, name in ((left, "u_px"), (middle, "v_px")):
-        total = sum((_without_plane(one, name) for one in moved), np.zeros(grid.shape))
+        total = sum((_without_plane(field, name) for field in moved), np.zeros(grid.shape))
         common = _smoothed(total, count.astype(np.float64))
         sizes.append(float(np.sqrt(np.mean(common[valid] ** 2))))
         draw_map(figure, axes, grid.x_px, grid.y_px, common, valid, f"residual along {'x' if name[0] == 'u' else 'y'} (px)", robust=True)
@@ -102,7 +104,7 @@ def drift_over_field(result: RunResult) -> Figure:
     numbers = np.unique(drift.frame)
     number = int(numbers[len(numbers) // 2])
     rows = drift.frame == number
-    decision = next(one for one in result.decisions if one.pair == number // 2)
+    decision = next(decision for decision in result.decisions if decision.pair == number // 2)
     info = decision.second if number % 2 else decision.first
     grid = result.estimate.distortion.grid
     x, y = grid.mesh()
@@ -120,24 +122,24 @@ def drift_over_field(result: RunResult) -> Figure:
 
 def unloaded_strain(result: RunResult) -> Figure | None:
     """Fig. 12: mean and scatter of strain in the unloaded frames, where the true strain is zero."""
-    phases = {one.pair: one.step.phase for one in result.decisions}
-    shown = [one for one in result.summaries if one.frame > 0 and phases[one.frame // 2] is not Phase.TENSION]
-    return _strain_bars([float(one.frame) for one in shown], shown, "frame") if shown else None
+    phases = {decision.pair: decision.step.phase for decision in result.decisions}
+    shown = [summary for summary in result.summaries if summary.frame > 0 and phases[summary.frame // 2] is not Phase.TENSION]
+    return _strain_bars([float(summary.frame) for summary in shown], shown, "frame") if shown else None
 
 
 def loaded_strain(result: RunResult, area_mm2: float | None) -> Figure | None:
     """Fig. 13: mean and scatter of strain in the frames under load, over stress where the cross-section is known."""
     loads = {
-        2 * one.pair + member: one.loads[member].mean_n
-        for one in result.decisions
-        if one.step.phase is Phase.TENSION and one.loads is not None
+        2 * decision.pair + member: decision.loads[member].mean_n
+        for decision in result.decisions
+        if decision.step.phase is Phase.TENSION and decision.loads is not None
         for member in (0, 1)
     }
-    shown = [one for one in result.summaries if one.frame in loads]
+    shown = [summary for summary in result.summaries if summary.frame in loads]
     if not shown:
         return None
     scale, label = (1.0, "load (N)") if area_mm2 is None else (1.0 / area_mm2, "stress (MPa)")
-    return _strain_bars([loads[one.frame] * scale for one in shown], shown, label)
+    return _strain_bars([loads[summary.frame] * scale for summary in shown], shown, label)
 
 
 def constants(result: RunResult) -> Figure | None:
@@ -150,11 +152,16 @@ def constants(result: RunResult) -> Figure | None:
         columns.append(("strain gage", result.gage.youngs_modulus_gpa, result.gage.poissons_ratio))
     for axes, place, title in zip(figure.subplots(1, 2), (1, 2), ("Young's modulus (GPa)", "Poisson's ratio"), strict=True):
         for at, row in enumerate(columns):
-            one = row[place]
-            assert not isinstance(one, str)  # the name is the first item
-            axes.errorbar(one.value, at, xerr=2 * one.sigma, fmt="o", color=(Y_COLOUR, X_COLOUR)[at], capsize=4)
+            constant = row[place]
+            assert not isinstance(constant, str)  # the name is the first item
+            axes.errorbar(constant.value, at, xerr=2 * constant.sigma, fmt="o", color=(Y_COLOUR, X_COLOUR)[at], capsize=4)
             axes.annotate(
-                f"{one.value:.4g} ± {one.sigma:.2g}", (one.value, at), xytext=(0, 8), textcoords="offset points", ha="center", fontsize=8
+                f"{constant.value:.4g} ± {constant.sigma:.2g}",
+                (constant.value, at),
+                xytext=(0, 8),
+                textcoords="offset points",
+                ha="center",
+                fontsize=8,
             )
         axes.set_yticks(range(len(columns)), [row[0] for row in columns])
         axes.set_ylim(-0.6, len(columns) - 0.2)
@@ -166,23 +173,23 @@ def constants(result: RunResult) -> Figure | None:
 
 def translation_path(result: RunResult) -> Figure | None:
     """Fig. 15: commanded and measured position of the specimen in the unloaded pairs."""
-    steps = {one.pair: one.step for one in result.decisions if one.step.phase is not Phase.TENSION}
-    motions = [one for one in result.estimate.motions if one.pair in steps]
+    steps = {decision.pair: decision.step for decision in result.decisions if decision.step.phase is not Phase.TENSION}
+    motions = [motion for motion in result.estimate.motions if motion.pair in steps]
     if len(motions) < 2:
         return None
     figure, axes = framed(5.2, 4.6)
     # The first pair is the origin of both paths.
     zero = np.array(steps[motions[0].pair].shift_px)
-    commanded = np.array([steps[one.pair].shift_px for one in motions]) - zero
-    found, sigma = np.array([one.shift_px for one in motions]), np.array([one.shift_sigma_px for one in motions])
+    commanded = np.array([steps[motion.pair].shift_px for motion in motions]) - zero
+    measured, sigma = np.array([motion.shift_px for motion in motions]), np.array([motion.shift_sigma_px for motion in motions])
     axes.plot(*commanded.T, "s--", color="#94a3b8", linewidth=0.8, markersize=6, markerfacecolor="none", label="commanded")
     axes.errorbar(
-        *found.T, xerr=2 * sigma[:, 0], yerr=2 * sigma[:, 1], fmt="o-", color=X_COLOUR, linewidth=0.9, markersize=3.5, label="measured"
+        *measured.T, xerr=2 * sigma[:, 0], yerr=2 * sigma[:, 1], fmt="o-", color=X_COLOUR, linewidth=0.9, markersize=3.5, label="measured"
     )
     axes.set(xlabel="x (px)", ylabel="y (px)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
-    off = np.hypot(*(found - commanded).T)
+    off = np.hypot(*(measured - commanded).T)
     axes.set_title(f"{off.max():.2f} px largest distance", fontsize=9)
     axes.legend(frameon=False)
     return figure
@@ -210,7 +217,7 @@ def _strain_bars(over: Sequence[float], summaries: Sequence[StrainSummary], labe
     highest = 0.0
     for name, colour, marker in _COMPONENTS:
         mean, sigma, sd = (
-            1e6 * np.array([getattr(getattr(one, part), name) for one in summaries]) for part in ("mean", "mean_sigma", "sd")
+            1e6 * np.array([getattr(getattr(summary, part), name) for summary in summaries]) for part in ("mean", "mean_sigma", "sd")
         )
         above.errorbar(over, mean, 2 * sigma, fmt=marker, color=colour, markersize=4, linewidth=0.9, label=name)
         below.plot(over, sd, marker, color=colour, markersize=4)
@@ -246,9 +253,9 @@ def _smoothed(total: Field, count: Field) -> Field:
 
 def _pair_of_axes(figure: Figure) -> Sequence[Axes]:
     axes = figure.subplots(1, 2)
-    for one in axes:
-        one.grid(**GRID)
-        one.spines[["top", "right"]].set_visible(False)
+    for single in axes:
+        single.grid(**GRID)
+        single.spines[["top", "right"]].set_visible(False)
     return list(axes)
 
 

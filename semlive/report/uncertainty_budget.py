@@ -32,9 +32,9 @@ def uncertainty_budget(result: RunResult, settings: AnalysisSettings) -> list[Ro
         )
     )
     if estimate.motions:
-        shift = max(float(np.max(one.shift_sigma_px)) for one in estimate.motions)
+        shift = max(float(np.max(motion.shift_sigma_px)) for motion in estimate.motions)
         rows.append(("motion of the specimen", f"{shift:.4f} px", "the worst pair; includes drift during the motion"))
-    starts = [info.start_sigma_s for one in result.decisions for info in (one.first, one.second)]
+    starts = [info.start_sigma_s for decision in result.decisions for info in (decision.first, decision.second)]
     rows.append(("start of a scan", f"{max(starts):.3g} s", "the worst frame; included in mean strain"))
     for name in ("exx", "eyy", "exy"):
         whole = getattr(last.mean_sigma, name)

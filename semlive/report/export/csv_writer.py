@@ -76,5 +76,5 @@ def _named(name: str) -> str:
 def _column(array: Array) -> list[str]:
     flat = array.ravel()
     if flat.dtype.kind in "bui":
-        return [str(int(one)) for one in flat.tolist()]
-    return ["" if np.isnan(one) else repr(one) for one in flat.tolist()]
+        return [str(int(number)) for number in flat.tolist()]
+    return ["" if np.isnan(number) else repr(number) for number in flat.tolist()]

@@ -137,37 +137,39 @@ def distortion_fields(result: RunResult) -> dict[str, Array]:
 
 def load_series(load: LoadSeries) -> dict[str, Array]:
     """Load as sampled."""
-    found: dict[str, Array] = {"time_ns": load.time_ns, "force_n": load.force_n, "extension_mm": load.extension_mm}
-    return found if load.gage_strain is None else {**found, "gage_strain": load.gage_strain}
+    fields: dict[str, Array] = {"time_ns": load.time_ns, "force_n": load.force_n, "extension_mm": load.extension_mm}
+    return fields if load.gage_strain is None else {**fields, "gage_strain": load.gage_strain}
 
 
 def frame_series(metadata: RunMetadata) -> dict[str, Array]:
     """(frames,) series by name: scan time, load, shift, mean strain with its uncertainty; NaN without a value."""
-    decisions = {one.pair: one for one in metadata.result.decisions}
-    infos = [(decisions[one["pair"]].first, decisions[one["pair"]].second)[one["frame"] % 2] for one in metadata.result_json["frames"]]
+    decisions = {decision.pair: decision for decision in metadata.result.decisions}
+    infos = [
+        (decisions[entry["pair"]].first, decisions[entry["pair"]].second)[entry["frame"] % 2] for entry in metadata.result_json["frames"]
+    ]
     zero_ns = infos[0].start_time_ns.value
     frames = metadata.result_json["frames"]
     series: dict[str, Array] = {
-        "frame": np.array([one["frame"] for one in frames]),
-        "pair": np.array([one["pair"] for one in frames]),
+        "frame": np.array([frame["frame"] for frame in frames]),
+        "pair": np.array([frame["pair"] for frame in frames]),
         "start_s": np.array([(info.start_time_ns.value - zero_ns) / 1e9 for info in infos]),
-        "load_n": np.array([np.nan if one["load_n"] is None else one["load_n"] for one in frames]),
-        "gage_strain": np.array([np.nan if one["gage_strain"] is None else one["gage_strain"] for one in frames]),
-        "shift_x_px": np.array([one["shift_px"][0] for one in frames]),
-        "shift_y_px": np.array([one["shift_px"][1] for one in frames]),
+        "load_n": np.array([np.nan if frame["load_n"] is None else frame["load_n"] for frame in frames]),
+        "gage_strain": np.array([np.nan if frame["gage_strain"] is None else frame["gage_strain"] for frame in frames]),
+        "shift_x_px": np.array([frame["shift_px"][0] for frame in frames]),
+        "shift_y_px": np.array([frame["shift_px"][1] for frame in frames]),
     }
     for key, name in (("strain_mean", "{}_mean"), ("strain_mean_sigma", "{}_mean_sigma"), ("strain_sd", "{}_sd")):
         for component in ("exx", "eyy", "exy"):
-            series[name.format(component)] = np.array([one[key][component] for one in frames])
+            series[name.format(component)] = np.array([frame[key][component] for frame in frames])
     for component in ("exx", "eyy", "exy"):
-        systematic = ((one["strain_mean_systematic"] or {}).get(component, np.nan) for one in frames)
+        systematic = ((frame["strain_mean_systematic"] or {}).get(component, np.nan) for frame in frames)
         series[f"{component}_mean_systematic"] = np.fromiter(systematic, dtype=np.float64)
     return series
 
 
 def phases(metadata: RunMetadata) -> list[str]:
     """The phase of each frame."""
-    return [one["phase"] for one in metadata.result_json["frames"]]
+    return [entry["phase"] for entry in metadata.result_json["frames"]]
 
 
 def constants(metadata: RunMetadata) -> dict[str, float]:

@@ -53,11 +53,11 @@ class Hdf5Writer:
     def write_metadata(self, metadata: RunMetadata) -> None:
         """Write series, estimate and configuration."""
         write_metadata(self._file, metadata)
-        for one in metadata.result_json["frames"]:
-            attrs = self._frames[str(one["frame"])].attrs
-            attrs["pair"], attrs["phase"] = one["pair"], one["phase"]
-            if one["load_n"] is not None:
-                attrs["load_n"] = one["load_n"]
+        for entry in metadata.result_json["frames"]:
+            attrs = self._frames[str(entry["frame"])].attrs
+            attrs["pair"], attrs["phase"] = entry["pair"], entry["phase"]
+            if entry["load_n"] is not None:
+                attrs["load_n"] = entry["load_n"]
 
     def close(self, complete: bool) -> None:
         """Rename the complete file to its final name, or remove an incomplete one."""

@@ -140,7 +140,9 @@ def compare_with_truth(result: RunResult, truth: Truth) -> RunErrors:
     """
     infos = dict(_infos(result))
     distortion = distortion_error(result.estimate.distortion, truth)
-    frames = tuple(_frame_errors(one, _decision(result, one.summary.frame), infos, truth) for one in result.frames if one.summary.frame > 0)
+    frames = tuple(
+        _frame_errors(frame, _decision(result, frame.summary.frame), infos, truth) for frame in result.frames if frame.summary.frame > 0
+    )
     grid = result.frames[0].displacement.grid
     floor_px = result.estimate.noise_floor_px
     return RunErrors(
@@ -169,13 +171,13 @@ def distortion_error(field: DistortionField, truth: Truth) -> DistortionError:
 
 
 def _infos(result: RunResult) -> Iterator[tuple[int, FrameInfo]]:
-    for one in result.decisions:
-        yield 2 * one.pair, one.first
-        yield 2 * one.pair + 1, one.second
+    for decision in result.decisions:
+        yield 2 * decision.pair, decision.first
+        yield 2 * decision.pair + 1, decision.second
 
 
 def _decision(result: RunResult, frame: int) -> PairDecision:
-    return next(one for one in result.decisions if one.pair == frame // 2)
+    return next(decision for decision in result.decisions if decision.pair == frame // 2)
 
 
 def _drift(result: RunResult, truth: Truth, infos: dict[int, FrameInfo], affine: Field) -> Iterator[DriftWithin]:
@@ -206,7 +208,7 @@ def _shifts(result: RunResult, truth: Truth, distortion: DistortionError) -> Ite
     """
     zero = result.decisions[0]
     middle = _centre_address(result, truth)
-    decisions = {one.pair: one for one in result.decisions}
+    decisions = {decision.pair: decision for decision in result.decisions}
     for motion in result.estimate.motions:
         if motion.pair == zero.pair:
             continue
@@ -228,8 +230,8 @@ def _centre_address(result: RunResult, truth: Truth) -> Field:
     return truth.centre_px + drift_px + np.array([field.ex_px[row, column], field.ey_px[row, column]])
 
 
-def _frame_errors(one: FrameResult, decision: PairDecision, infos: dict[int, FrameInfo], truth: Truth) -> FrameErrors:
-    moved, summary, frame = one.displacement, one.summary, one.summary.frame
+def _frame_errors(result: FrameResult, decision: PairDecision, infos: dict[int, FrameInfo], truth: Truth) -> FrameErrors:
+    moved, summary, frame = result.displacement, result.summary, result.summary.frame
     valid = moved.valid
     address = np.stack(moved.grid.mesh(), axis=-1)
     error = np.stack((moved.u_px, moved.v_px), axis=-1) - true_motion(truth, infos[0], infos[frame], address).displacement_px
@@ -249,5 +251,5 @@ def _frame_errors(one: FrameResult, decision: PairDecision, infos: dict[int, Fra
         mean,
         sigma,
         sd,
-        one.strain.window_points,
+        result.strain.window_points,
     )

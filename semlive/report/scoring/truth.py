@@ -70,10 +70,10 @@ class Truth:
         """
         try:
             frames = {
-                one["file"]: TrueFrame(
-                    int(one["start_time_ns"]), float(one["row_time_s"]), np.asarray(one["stage_px"]), np.asarray(one["gradient"])
+                entry["file"]: TrueFrame(
+                    int(entry["start_time_ns"]), float(entry["row_time_s"]), np.asarray(entry["stage_px"]), np.asarray(entry["gradient"])
                 )
-                for one in content["frames"]
+                for entry in content["frames"]
             }
             drift, bend, start_ns = content["drift"], content["distortion"], int(content["start_time_ns"])
             time_s = (np.asarray(drift["time_ns"], dtype=np.int64) - start_ns) * 1e-9
@@ -105,7 +105,7 @@ class Truth:
 
     def distortion_at(self, address_px: Field) -> Field:
         """(..., 2) distortion E in px at scan addresses (..., 2)."""
-        return np.stack([one.ev(address_px[..., 1], address_px[..., 0]) for one in self.distortion_px], axis=-1)
+        return np.stack([spline.ev(address_px[..., 1], address_px[..., 0]) for spline in self.distortion_px], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
