@@ -72,7 +72,7 @@ class RefinedEffect:
 def refined(baseline: HyperparameterGrid, candidate: CandidateEvidence) -> RefinedEffect:
     """Refine the most likely basis field of a class one parameter at a time; the parameter uncertainty adds to the amplitude covariance."""
     objective, values = _choose_point(baseline, candidate)
-    family, basis_field = candidate.family, objective.law(values)
+    family, basis_field = candidate.family, objective.basis_field(values)
     mean, covariance = project(objective.baseline, basis_field.field_px).amplitudes(0, objective.size_px)
     sigmas, follows = parameter_uncertainty(objective, values, mean)
     baseline_effect = BaselineEffect(baseline.design.whiten(basis_field.field_px), objective.size_px)
@@ -138,7 +138,7 @@ class _PointObjective:
     def grid(self) -> Iterable[Values]:
         return self.family.grid(self.baseline.design.observation.geometry)
 
-    def law(self, values: Values) -> BasisField:
+    def basis_field(self, values: Values) -> BasisField:
         basis_field = self.family.basis_field(self.baseline.design.observation.geometry, values)
         assert basis_field is not None  # it was observable on the grid
         return basis_field
@@ -163,7 +163,7 @@ def _choose_point(baseline: HyperparameterGrid, candidate: CandidateEvidence) ->
     for _ in range(MAX_POINT_CHOICES):
         objective = _PointObjective.of(baseline, candidate, sums, (at[0], at[1]))
         values, before = optimise_parameters(objective, values), at
-        each = project(baseline, objective.law(values).field_px).log_factor(sizes_of(candidate.family))
+        each = project(baseline, objective.basis_field(values).field_px).log_factor(sizes_of(candidate.family))
         factors = each + np.array([[point.evidence] for point in baseline.points])
         at = [int(value) for value in np.unravel_index(int(np.argmax(factors)), factors.shape)]
         if at == before:
