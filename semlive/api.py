@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive import pipeline
+from semlive.data.loading import LoadSeries
 from semlive.data.results import FrameResult
-from semlive.data.series import LoadSeries
 from semlive.errors import BadInput
 from semlive.report.export.export import run_metadata
 from semlive.report.export.fields import UNITS, RunMetadata, constants, distortion_fields, drift_series, frame_fields, frame_series, phases

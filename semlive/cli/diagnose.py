@@ -13,7 +13,8 @@ from rich.table import Table
 
 from semlive.cli.forecast_table import forecast_table
 from semlive.cli.progress_bar import multi_stage_progress
-from semlive.data.diagnosis import UNDERRESOLVED, Diagnosis, IdentifiedEffect, Outcome
+from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
+from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis
 from semlive.report.diagnosis_page import diagnosis_html
 from semlive.service.diagnosis.model_file import compatible_model, model_of, write_model
 from semlive.service.diagnosis.run import diagnose_log, diagnosis_json
@@ -40,7 +41,7 @@ def diagnose(
     single_arena()
     parent = model_of(log) if model is None else compatible_model(log, model)
     with multi_stage_progress(quiet=False) as progress:
-        found = diagnose_log(log, seed, progress, parent.known.effects)
+        found = diagnose_log(log, seed, progress, parent.effect_model.effects)
     if out is not None:
         write_model(out, found, log, parent)
     if page is not None:
@@ -69,8 +70,8 @@ def diagnose(
     console.print(_grey_line(found))
     if found.experiment is not None:
         console.print(f"to decide between {', '.join(found.experiment.between)}: {found.experiment.about}")
-        if found.experiment.foretold:
-            console.print(forecast_table(found.experiment.foretold))
+        if found.experiment.forecasts:
+            console.print(forecast_table(found.experiment.forecasts))
 
 
 def _grey_line(found: Diagnosis) -> str:
@@ -78,7 +79,7 @@ def _grey_line(found: Diagnosis) -> str:
     if grey is None:
         return found.intensity_unavailable
     dark, slope = grey.noise
-    left = f"; {grey.left}" if grey.left else ""
+    left = f"; {grey.unexplained}" if grey.unexplained else ""
     return (
         f"grey levels: {grey.frames} frames in {grey.blocks} blocks, {grey.outcome.value}{left}; variance of a pixel "
         f"({dark.value:.3g} +- {dark.sigma:.2g}) + ({slope.value:.3g} +- {slope.sigma:.2g}) I"

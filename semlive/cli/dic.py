@@ -179,7 +179,7 @@ def _write(path: Path, disparity: DisparityMap) -> None:
     x, y = disparity.grid.mesh()
     m = disparity
     columns = [a.ravel().tolist() for a in (x, y, m.u_px, m.v_px, m.sigma_u_px, m.sigma_v_px, m.zncc, m.status)]
-    words = {int(status): status.word for status in PoiStatus}
+    words = {int(status): status.label for status in PoiStatus}
     lines = [
         f"{x:.0f},{y:.0f},{u:.6f},{v:.6f},{su:.6f},{sv:.6f},{zncc:.6f},{words[status]}"
         for x, y, u, v, su, sv, zncc, status in zip(*columns, strict=True)

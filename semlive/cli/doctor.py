@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -35,11 +34,11 @@ def doctor(
     findings = tuple(run_checks(checked))
     bad = [one for one in findings if one.verdict is Verdict.FAILED]
     if as_json:
-        typer.echo(json.dumps({"sound": not bad, "findings": [asdict(one) for one in findings]}))
+        typer.echo(json.dumps({"sound": not bad, "findings": [finding.to_json() for finding in findings]}))
     else:
         Console().print(_table(findings))
     if bad:
-        raise SemliveError(f"{len(bad)} of {len(findings)} findings are bad; {bad[0].what}: {bad[0].said}; {bad[0].advice}")
+        raise SemliveError(f"{len(bad)} of {len(findings)} findings are bad; {bad[0].what}: {bad[0].observation}; {bad[0].advice}")
 
 
 def _table(findings: tuple[Finding, ...]) -> Table:
@@ -50,5 +49,5 @@ def _table(findings: tuple[Finding, ...]) -> Table:
     table.add_column("do", overflow="fold")
     for one in findings:
         colour = _COLOURS[one.verdict]
-        table.add_row(cell(one.what), f"[{colour}]{one.verdict}[/{colour}]", cell(one.said), cell(one.advice))
+        table.add_row(cell(one.what), f"[{colour}]{one.verdict}[/{colour}]", cell(one.observation), cell(one.advice))
     return table

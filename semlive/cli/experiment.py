@@ -13,7 +13,8 @@ from rich.console import Console
 
 from semlive.cli.forecast_table import forecast_table
 from semlive.cli.progress_bar import multi_stage_progress
-from semlive.data.diagnosis import ExperimentForecast, Outcome, ParameterEstimate
+from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
+from semlive.data.diagnosis.verdict import ExperimentForecast
 from semlive.diagnose.experiments.proposals import ExperimentKind, choose_proposal, requested_proposal
 from semlive.diagnose.simulation_comparison import compare_with_simulations
 from semlive.service.diagnosis.model_file import compatible_model, model_of
@@ -66,7 +67,7 @@ def propose(
     if kind is not None:
         proposal = requested_proposal(kind)
     else:
-        known = (model_of(log) if model is None else compatible_model(log, model)).known.effects
+        known = (model_of(log) if model is None else compatible_model(log, model)).effect_model.effects
         with multi_stage_progress(quiet=False) as progress:
             found = diagnose_log(log, seed, progress, known)
             menu = propose_next_experiments(log, found, progress, known)
@@ -99,7 +100,9 @@ def decide(
 ) -> None:
     """Decide by two runs with different scans what one cannot tell: of the distortion, and of the scan's axes."""
     with multi_stage_progress(quiet=False) as progress:
-        found = compare_logs((log, other), progress, (model_of(log) if model is None else compatible_model(log, model)).known.effects)
+        found = compare_logs(
+            (log, other), progress, (model_of(log) if model is None else compatible_model(log, model)).effect_model.effects
+        )
     if as_json:
         typer.echo(json.dumps(decision_json(found)))
         return

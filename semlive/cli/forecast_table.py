@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from semlive.data.diagnosis import ExperimentForecast
+from semlive.data.diagnosis.verdict import ExperimentForecast
 
 
 def forecast_table(forecasts: Sequence[ExperimentForecast]) -> Table:

@@ -68,7 +68,9 @@ def check(
     settings["orders"] = orders
     found = _checker()(description, settings, open_clock(None))
     if as_json:
-        sys.stdout.write(json.dumps({**asdict(found), "sound": found.passed}) + "\n")
+        sys.stdout.write(
+            json.dumps({**asdict(found), "findings": [finding.to_json() for finding in found.findings], "sound": found.passed}) + "\n"
+        )
     else:
         _show(found)
     if not found.passed:
@@ -105,5 +107,5 @@ def _show(found: FrameCheck) -> None:
         table.add_column(column)
     for finding in found.findings:
         colour = _COLOURS[finding.verdict]
-        table.add_row(cell(finding.what), cell(finding.said), f"[{colour}]{finding.verdict}[/{colour}]", cell(finding.advice))
+        table.add_row(cell(finding.what), cell(finding.observation), f"[{colour}]{finding.verdict}[/{colour}]", cell(finding.advice))
     Console().print(table)

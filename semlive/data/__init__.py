@@ -1,1 +1,1 @@
-"""The nouns: frozen values over read-only arrays."""
+"""Values exchanged between packages: frozen dataclasses over read-only arrays."""

@@ -1,4 +1,4 @@
-"""What a look at a load frame found, before anything is moved."""
+"""Results of a check of a load frame or a computer; nothing is moved."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class Verdict(StrEnum):
-    """What a finding means."""
+    """Result of one check."""
 
     OK = "good"
     UNKNOWN = "open"
@@ -16,31 +16,35 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """One checked item.
 
     Attributes:
-        what: a register, an identity, an order of words.
-        said: what the device says of it.
-        verdict: whether it is as the description says; open, where that cannot be told now.
-        advice: what to do, or nothing.
+        what: checked item: a register, an identity, a word order.
+        observation: value or message of the device.
+        verdict: agreement with the description; ``UNKNOWN`` where the check is not possible now.
+        advice: remedy; empty if none is needed.
     """
 
     what: str
-    said: str
+    observation: str
     verdict: Verdict
     advice: str = ""
+
+    def to_json(self) -> dict[str, str]:
+        """The finding with the keys of `semlive doctor --json` and `semlive frame check --json`."""
+        return {"what": self.what, "said": self.observation, "verdict": self.verdict.value, "advice": self.advice}
 
 
 @dataclass(frozen=True, slots=True)
 class FrameCheck:
-    """Everything that was found.
+    """Findings of one check.
 
     Attributes:
         device: name of the description.
-        where: how it was reached.
-        source: where the description is from.
-        confirmed: somebody held it beside the machine.
-        findings: in the order in which they were made.
+        where: address under which the device was reached.
+        source: origin of the description.
+        confirmed: whether a person compared the description with the machine.
+        findings: in the order of the checks.
     """
 
     device: str
@@ -51,5 +55,5 @@ class FrameCheck:
 
     @property
     def passed(self) -> bool:
-        """Nothing is bad."""
+        """True if no check failed."""
         return all(finding.verdict is not Verdict.FAILED for finding in self.findings)

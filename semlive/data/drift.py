@@ -1,4 +1,4 @@
-"""What the estimator says: drift in time, distortion in space, motion of the specimen per pair."""
+"""Results of the estimator: drift over time, spatial distortion, motion of the specimen per pair, and their quality."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class FrameTime:
         frame: number of the frame (2 * pair + 0 or 1).
         start_s: start of the scan, seconds after the start of frame 0.
         timing: scan timing.
-        start_sigma_s: standard uncertainty of the start; 0 where it is taken for exact.
+        start_sigma_s: standard uncertainty of the start; 0 where it is assumed exact.
     """
 
     frame: int
@@ -31,11 +31,11 @@ class FrameTime:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftForecast:
-    """Drift of scans to come, as long as the newest frame's.
+    """Forecast of the drift during future scans with the duration of the newest frame.
 
     Attributes:
-        time_s: (n,) begin of the scans, seconds after the start of frame 0, the first where the newest frame ends.
-        duration_s: how long each lasts.
+        time_s: (n,) start of each scan, seconds after the start of frame 0; the first starts at the end of the newest frame.
+        duration_s: duration of each scan.
         rate_px_s: (n, 2) mean drift rate over each.
         sigma_px_s: (n, 2) its standard uncertainty.
     """
@@ -48,15 +48,15 @@ class DriftForecast:
 
 @dataclass(frozen=True, slots=True)
 class HoldDrift:
-    """Drift seen directly between two frames while nothing was moved, whether or not they came to be of a pair.
+    """Drift measured directly between two frames of a hold, whether or not they became a pair.
 
     Attributes:
-        before: number of export of the first.
-        after: of the second.
-        begin_time_ns: start of the first's scan.
-        end_time_ns: end of the second's.
-        rate_px_s: mean drift rate (x, y) between them, the field's median.
-        sigma_px_s: its standard uncertainty, from the correlation's noise and the starts'.
+        before: export number of the first frame.
+        after: export number of the second frame.
+        begin_time_ns: start of the first scan, UTC ns.
+        end_time_ns: end of the second scan, UTC ns.
+        rate_px_s: mean drift rate (x, y) between the frames, from the median of the disparity.
+        sigma_px_s: its standard uncertainty, from correlation noise and start times.
     """
 
     before: int
@@ -72,14 +72,14 @@ class DriftEstimate:
     """Drift as a function of scan time, relative to the start of frame 0 (gauge F3: d = 0 there).
 
     Attributes:
-        time_s: (n,) seconds after the start of frame 0, ascending: `rows` samples in every accepted frame, or in those of the newest
-            pairs alone, where earlier ones stand as an earlier revision said.
-        frame: (n,) number of the frame that each sample lies in.
+        time_s: (n,) seconds after the start of frame 0, ascending: `rows` samples in every accepted frame. Some revisions hold only the
+            frames of the newest pairs; earlier frames then keep the values of an earlier revision.
+        frame: (n,) number of the frame of each sample.
         drift_px: (n, 2) drift along x and y.
         sigma_px: (n, 2) standard uncertainty of the drift's change since the middle of its own frame.
         rate_px_s: (n, 2) drift rate.
-        revision: counts estimates; past drift that is re-estimated is a new value with a higher revision.
-        forecast: how it will go on, or None from a method that does not say.
+        revision: number of the estimate; re-estimated drift has a higher revision.
+        forecast: expected drift of the next scans; None from a method without a forecast.
     """
 
     time_s: NDArray[np.float64]
@@ -93,12 +93,12 @@ class DriftEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DistortionField:
-    """Spatial distortion E at the scan address: an ideal raster would have written pixel R at R - E(R).
+    """Spatial distortion E at the scan address: an ideal raster places pixel R at R - E(R).
 
-    The best affine map over the grid is removed: calibration by unknown translations cannot know it (gauges F1, F2).
+    The best affine map over the grid is removed: calibration by unknown translations cannot determine it (gauges F1, F2).
 
     Attributes:
-        grid: where it is sampled (scan addresses).
+        grid: scan addresses of the samples.
         ex_px: (ny, nx) along x.
         ey_px: (ny, nx) along y.
         sigma_px: (ny, nx) standard uncertainty, per component.
@@ -114,11 +114,11 @@ class DistortionField:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairMotion:
-    """How the specimen lay in one pair, relative to pair 0: ``p = p0 + shift + gradient (p0 - centre)``.
+    """Motion of the specimen in one pair, relative to pair 0: ``p = p0 + shift + gradient (p0 - centre)``.
 
     Attributes:
         pair: number of the pair.
-        shift_px: (2,) translation of the point whose p0 is the centre; under strain that of the specimen's own centre is another.
+        shift_px: (2,) translation of the point with p0 at the centre; under strain the centre of the specimen moves differently.
         shift_sigma_px: (2,) standard uncertainty (drift across the motion included).
         gradient: (2, 2) [[du/dx, du/dy], [dv/dx, dv/dy]]; antisymmetric (or zero) in calibration.
         gradient_sigma: (2, 2) standard uncertainty.
@@ -133,13 +133,13 @@ class PairMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """What must be subtracted from one disparity map to get displacement.
+    """Disparity by drift and distortion; disparity minus this correction is displacement.
 
     Attributes:
         frame: number of the current frame; the reference is frame 0.
         u_px: (ny, nx) ``[E(R_n) + d(t_n)] - [E(R_0) + d(t_0)]``, x component.
         v_px: (ny, nx) likewise, y.
-        valid: (ny, nx) False where the frame shows a point beyond what the calibration covered; None where nothing is known against it.
+        valid: (ny, nx) False where a point of the frame lies outside the calibrated area; None: all points are valid.
     """
 
     frame: int
@@ -150,14 +150,14 @@ class Correction:
 
 @dataclass(frozen=True, slots=True)
 class TermTest:
-    """Whether the data asked for an optional term of the model.
+    """Test of an optional term of the model.
 
     Attributes:
-        name: ``magnification``, ``raster_rotation``, or ``coupling`` (whether the drift carries the distortion along).
-        included: whether the estimate has it.
-        f_ratio: mean square per degree of freedom that the term explains, in units of the noise.
-        evidence: natural logarithm of how much likelier the data are with it.
-        value: gamma of the coupling, 0 for the others.
+        name: ``magnification``, ``raster_rotation``, or ``coupling`` (advection of the distortion with the drift).
+        included: whether the estimate includes the term.
+        f_ratio: mean square per degree of freedom explained by the term, over that of the noise.
+        evidence: natural logarithm of the Bayes factor for the term.
+        value: advection coefficient of ``coupling``, 0 for other terms.
         sigma: standard uncertainty of the value.
     """
 
@@ -171,13 +171,13 @@ class TermTest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RasterDrift:
-    """Change of the raster since the start of frame 0, at the middle of every frame; zero where its term is not used.
+    """Change of the raster since the start of frame 0, at the middle of every frame; zero without the term.
 
     Attributes:
         frame: (n,) numbers of the frames.
-        magnification: (n,) relative change; positive makes everything larger.
+        magnification: (n,) relative change; positive enlarges the image.
         magnification_sigma: (n,) standard uncertainty.
-        rotation_rad: (n,) rotation of what is seen, positive from x towards y.
+        rotation_rad: (n,) rotation of the image, positive from x towards y.
         rotation_sigma_rad: (n,) standard uncertainty.
     """
 
@@ -190,14 +190,14 @@ class RasterDrift:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationQuality:
-    """How well the pairs so far fix the distortion.
+    """How well the pairs so far determine the distortion.
 
     Attributes:
-        covered: part of the grid, 0 to 1, where the data and not the belief determine the distortion.
-        lever_px: extent along x and y of how the picture lay in calibration and translation pairs.
-        wave_sigma_px: standard uncertainty of a wave of one period over the grid, along x and along y; None from a method that
-            does not say.
-        refused: why nothing under load is to be corrected with it, one sentence with the figures; empty where it is good enough.
+        covered: fraction of the grid, 0 to 1, where the data and not the prior determine the distortion.
+        lever_px: extent of the translations along x and y in calibration and translation pairs.
+        wave_sigma_px: standard uncertainty of a distortion wave of one period over the grid, along x and along y; None from a method
+            without this estimate.
+        refused: why the calibration must not correct loaded frames, with the figures; empty where the calibration is sufficient.
     """
 
     covered: float
@@ -208,17 +208,17 @@ class CalibrationQuality:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimateRevision:
-    """One revision of everything the estimator knows.
+    """One revision of all results of the estimator.
 
     Attributes:
         drift: drift in time.
         distortion: distortion in space.
-        motions: one for each pair.
-        noise_floor_px: robust standard deviation of what the model leaves unexplained, per component.
-        notes: notes for the operator: which parameters are not determined, and why.
-        terms: optional terms of the model, and whether the data asked for them.
+        motions: motion of the specimen in each pair.
+        noise_floor_px: robust standard deviation of the residual, per component.
+        notes: messages for the operator (which quantity is not determined, and why).
+        terms: tests of the optional terms of the model.
         raster: change of magnification and rotation of the raster.
-        calibration: how well the pairs fix the distortion.
+        calibration: how well the pairs determine the distortion.
     """
 
     drift: DriftEstimate

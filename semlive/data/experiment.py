@@ -22,9 +22,9 @@ class Step:
         step: running number from 0; the step's pair has the same number.
         phase: what the pair is for.
         shift_um: commanded stage position (x, y) relative to where the run began.
-        shift_px: what the plan asked for, in pixels; `shift_um` also holds what brings the field back (see `Recentre`).
+        shift_px: planned shift, pixels; `shift_um` also includes recentring (see `Recentre`).
         load_n: commanded load, or None to leave the load frame alone.
-        warm_up: added to the plan while the warm-up gate waited, to measure the drift once more (see `WarmUp`).
+        warm_up: whether the warm-up gate added the step to measure the drift again (see `WarmUp`).
     """
 
     step: int
@@ -36,7 +36,7 @@ class Step:
 
     @property
     def number(self) -> int:
-        """The step as people count it, from 1: what every sentence says."""
+        """Number of the step counted from 1, as in messages to the operator."""
         return self.step + 1
 
 
@@ -45,10 +45,10 @@ class HoldRule:
     """When a step may be imaged.
 
     Attributes:
-        hold_s: rest between "settled" and the first frame of the pair (the paper: 30 s).
-        settle_s: how long load and stage must stay within tolerance to be called settled.
-        load_tolerance_n: allowed distance of the load from its target.
-        load_tolerance_fraction: the same as a fraction of the target; the larger of both holds.
+        hold_s: time between "settled" and the first frame of the pair (30 s in Sutton et al. 2007).
+        settle_s: time that load and stage must stay within tolerance to count as settled.
+        load_tolerance_n: allowed deviation of the load from its target.
+        load_tolerance_fraction: allowed deviation as a fraction of the target; the larger of both applies.
         stage_tolerance_um: allowed distance of the stage's own reading from its target.
         motion_timeout_s: a motion not settled after this is a fault.
         frame_timeout_s: no acceptable frame for this long while imaging is a fault.
@@ -81,16 +81,16 @@ class Limits:
         stage_travel_um: largest allowed distance of the stage from where the run began, per axis.
         stale_after_s: wall seconds after which the last sample is stale (no decisions on it).
         lost_after_s: wall seconds after which the link is lost (stop).
-        force_drop_max_n: largest sudden fall of the load (a slip, a fracture); None does not look.
-        force_slope_max_n_s: fastest change of the load as read, over half a second; None does not look.
-        slack_max_mm: how far the crosshead may run while the load changes by less than `slack_force_n`; None: as far as the
+        force_drop_max_n: largest sudden fall of the load (a slip, a fracture); None: not checked.
+        force_slope_max_n_s: fastest change of the measured load over half a second; None: not checked.
+        slack_max_mm: maximum crosshead travel while the load changes by less than `slack_force_n`; None: as far as the
             stated stiffness and the distance to the force limit allow.
         slack_force_n: see `slack_max_mm`.
-        unloaded_max_n: largest load, N, of pairs that are taken before any load; None: 5 % of the larger force limit. The load tolerance
+        unloaded_max_n: largest load, N, of pairs before the first load step; None: 5 % of the larger force limit. The load tolerance
             is allowed in any case, so 0 forbids an intended preload.
         stiffness_min_n_mm: smallest load change per travel of every ramp, N/mm, from the first change of load in the ramp on; below it the
-            load cell is taken to read too little. It holds for yielding as well. None: not judged.
-        stop_timeout_s: experiment seconds to wait for the devices' word that they rest, before a stopped run ends without it.
+            reading of the load cell counts as too low. It applies to yielding as well. None: not checked.
+        stop_timeout_s: maximum wait of a stopped run for standstill reports of the devices, experiment seconds.
     """
 
     force_min_n: float
@@ -113,11 +113,11 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Recentre:
-    """How the field of view is kept where the plan wants it.
+    """Recentring of the field of view on its planned position.
 
     Attributes:
-        threshold_px: nearer than this it is left alone.
-        um_per_px: motion of the stage or the beam shift that moves the picture by a pixel.
+        threshold_px: offset above which the field is recentred.
+        um_per_px: motion of the stage or the beam shift that moves the image by a pixel.
     """
 
     threshold_px: float
@@ -126,11 +126,11 @@ class Recentre:
 
 @dataclass(frozen=True, slots=True)
 class WarmUp:
-    """How slow the drift must be before the experiment goes on; until then further pairs are taken where the specimen is.
+    """Drift rate below which the experiment continues; until then, further pairs measure the drift at the current position.
 
     Attributes:
         max_rate_px_s: the forecast drift rate plus its standard uncertainty must not exceed this.
-        max_wait_s: after this long the operator is asked.
+        max_wait_s: time after which the operator is prompted.
         gate_phases: TENSION: the gate is before the first load; CALIBRATION: after the first pair.
     """
 
@@ -141,12 +141,12 @@ class WarmUp:
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveHold:
-    """When a hold lasts longer than it must.
+    """Conditions that extend a hold beyond its minimum.
 
     Attributes:
-        max_hold_s: it ends after this long, whatever is expected.
-        max_rate_px_s: it lasts until the drift rate between frames of the hold, or else its forecast, is below this; None does not ask.
-        max_relaxation_n_s: it lasts until the load changes more slowly than this; None does not ask.
+        max_hold_s: maximum duration of the hold.
+        max_rate_px_s: largest drift rate between frames of the hold (or its forecast) at which the hold ends; None: not checked.
+        max_relaxation_n_s: largest rate of load change at which the hold ends, N/s; None: not checked.
     """
 
     max_hold_s: float
@@ -156,18 +156,18 @@ class AdaptiveHold:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A whole experiment.
+    """An experiment: its steps, limits and optional gates.
 
     Attributes:
         steps: in order.
         hold: when a step may be imaged.
         limits: soft limits.
         ramp_rate_n_s: rate of load changes.
-        triggered: ask the SEM for each frame; otherwise it scans continuously and exports every frame.
-        recentring: whether and how drift and the specimen's own motion are taken back before each step.
-        warm_up: how slow the drift must be before the first load; None does not wait.
-        adaptive_hold: when a hold lasts longer than it must; None never.
-        calibration_gate: nothing is loaded before the translations are known to determine the distortion.
+        triggered: semlive triggers each scan; otherwise the SEM scans continuously and exports every frame.
+        recentring: compensation of drift and specimen motion before each step; None: none.
+        warm_up: drift rate required before the first load; None: no gate.
+        adaptive_hold: conditions that extend a hold; None: none.
+        calibration_gate: loading starts only after the translations determine the distortion.
     """
 
     steps: tuple[Step, ...]

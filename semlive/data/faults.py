@@ -1,4 +1,4 @@
-"""Names of faults: one word for each reason why a device was stopped or an alarm was raised."""
+"""Codes of faults: one for each reason why a device was stopped or an alarm was raised."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from types import MappingProxyType
 class FaultCode(StrEnum):
     """The kind of a fault; stored as `code` in `/fault` messages, and only ever extended.
 
-    The first group is found by comparing readings with the motion that was ordered, the second by comparing the device with what semlive
-    last ordered or left, the third is reported by the device or its link, the fourth concerns semlive and the microscope.
+    First group: readings disagree with the ordered motion. Second group: the state of the device disagrees with the last command of
+    semlive. Third group: faults reported by the device or its link. Fourth group: faults of semlive and the microscope.
     """
 
     NO_RESPONSE = "no_response"

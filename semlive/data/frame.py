@@ -1,4 +1,4 @@
-"""Frames: images as the SEM exported them, and what is known of each."""
+"""Frames: exported images of the SEM with their metadata and the expected quality of their correlation."""
 
 from __future__ import annotations
 
@@ -8,22 +8,23 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive.data.grid import Grid
 from semlive.data.scan import ScanTiming, Sourced
 
 
 @dataclass(frozen=True, slots=True)
 class ExportedFile:
-    """One file that the SEM finished writing, as bytes.
+    """One complete file of the SEM, as bytes.
 
     Attributes:
         index: running number of the exported file in this run, from 0, in order of arrival.
         name: file name without folder.
         data: the file's bytes.
-        sha256: their SHA-256, hexadecimal.
+        sha256: SHA-256 of the bytes, hexadecimal.
         mtime_ns: the file's modification time, UTC ns.
-        arrival_time_ns: experiment time when the watcher believed it complete, UTC ns.
-        sidecar: bytes of the text file beside it, for vendors that write one; None if there is none.
-        stable_time_ns: experiment time when the watcher first saw it as it stayed, UTC ns; 0 if unknown.
+        arrival_time_ns: experiment time when the watcher accepted it as complete, UTC ns.
+        sidecar: bytes of the text file with metadata that some vendors write; None if there is none.
+        stable_time_ns: experiment time when the watcher first saw its final size and time, UTC ns; 0 if unknown.
     """
 
     index: int
@@ -38,13 +39,13 @@ class ExportedFile:
 
 @dataclass(frozen=True, slots=True)
 class ColumnSettings:
-    """How the microscope was set, as far as the file says; None where it does not.
+    """Settings of the microscope from the metadata of a file; None for missing values.
 
     Attributes:
-        detector: its name.
+        detector: name of the detector.
         voltage_v: acceleration voltage.
         working_distance_m: working distance.
-        magnification: as the vendor counts it.
+        magnification: in the convention of the vendor.
         scan_rotation_deg: rotation of the scan.
     """
 
@@ -65,23 +66,23 @@ class FrameOrigin(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
-    """Everything known of a frame but its pixels.
+    """Metadata of a frame.
 
     Attributes:
-        export: number of the exported file it came from.
+        export: number of the exported file.
         name: file name.
         vendor: ``fei``, ``plain``, ...
         width_px: image width without databar.
         height_px: image height without databar.
-        databar_rows: rows cropped from below the image.
+        databar_rows: rows of the databar, cropped from the bottom of the image.
         timing: scan timing.
         start_time_ns: instant of pixel (0, 0), UTC ns.
         start_sigma_s: standard uncertainty of that instant.
         pixel_size_m: edge of a pixel on the specimen.
-        column: how the microscope was set.
-        start_anchor: what the embedded time was taken to mark: ``start``, ``end`` or ``save``.
-        embedded_time_ns: the embedded time as the microscope's computer told it, taken for UTC; None if the file has none.
-        notes: what is unusual about the file, one sentence each.
+        column: settings of the microscope.
+        start_anchor: instant that the embedded time is assumed to mark: ``start``, ``end`` or ``save``.
+        embedded_time_ns: embedded time by the clock of the microscope's computer, read as UTC; None if the file has none.
+        notes: messages about unusual properties of the file.
     """
 
     export: int
@@ -115,7 +116,7 @@ class Frame:
     """A frame with its pixels.
 
     Attributes:
-        info: what is known of it.
+        info: metadata of the frame.
         image: (height, width), uint8 or uint16, read-only, databar cropped.
     """
 
@@ -124,5 +125,63 @@ class Frame:
 
     def __post_init__(self) -> None:
         if self.image.shape != (self.info.height_px, self.info.width_px):
-            raise ValueError(f"image is {self.image.shape}, info says {(self.info.height_px, self.info.width_px)}")
+            raise ValueError(f"image is {self.image.shape}, its metadata give {(self.info.height_px, self.info.width_px)}")
         self.image.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatternQuality:
+    """Noise and speckle pattern of a frame, and the displacement noise expected from them.
+
+    Where `usable` is False a POI's predictions are meaningless (zero), never a code.
+
+    Attributes:
+        grid: the POI.
+        noise_grey: standard deviation of the white noise, median over the frame, rounding included.
+        contrast_grey: standard deviation of the pattern, noise subtracted.
+        mean_grey: mean grey level.
+        saturated_fraction: fraction of pixels at the ends of the range of grey levels.
+        speckle_x_px: speckle size along x: full width at half maximum of the autocorrelation.
+        speckle_y_px: speckle size along y.
+        speckles_per_subset: number of speckles of that size in a subset.
+        mean_intensity_gradient_grey_px: mean length of the intensity gradient, noise subtracted.
+        sssig: (ny, nx) smaller eigenvalue of the subset's sum of squared subset intensity gradients, (grey/px)^2.
+        sigma_u_px: (ny, nx) predicted standard deviation of u between two frames with this noise.
+        sigma_v_px: (ny, nx) predicted standard deviation of v.
+        usable: (ny, nx) whether the contrast at a POI suffices for correlation.
+        warnings: insufficient quantities with their values and remedies; empty if there are none.
+    """
+
+    grid: Grid
+    noise_grey: float
+    contrast_grey: float
+    mean_grey: float
+    saturated_fraction: float
+    speckle_x_px: float
+    speckle_y_px: float
+    speckles_per_subset: float
+    mean_intensity_gradient_grey_px: float
+    sssig: NDArray[np.float64]
+    sigma_u_px: NDArray[np.float64]
+    sigma_v_px: NDArray[np.float64]
+    usable: NDArray[np.bool_]
+    warnings: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("sssig", "sigma_u_px", "sigma_v_px", "usable"):
+            array = getattr(self, name)
+            if array.shape != self.grid.shape:
+                raise ValueError(f"{name} is {array.shape}, the grid is {self.grid.shape}")
+            array.setflags(write=False)
+
+    @property
+    def median_sigma_px(self) -> tuple[float, float]:
+        """Predicted standard deviation of u and v, medians over the usable POI; zero if none is usable."""
+        if not self.usable.any():
+            return 0.0, 0.0
+        return float(np.median(self.sigma_u_px[self.usable])), float(np.median(self.sigma_v_px[self.usable]))
+
+    @property
+    def usable_fraction(self) -> float:
+        """Fraction of usable POI."""
+        return float(np.mean(self.usable))

@@ -1,13 +1,16 @@
-"""What the devices say: samples of load frame and stage, and the load during a frame."""
+"""Readings of load frame and stage, properties of these devices, and the load during a frame or a run."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 class MotionState(StrEnum):
-    """Whether a device is moving, by its own word."""
+    """State of motion that a device reports."""
 
     STOPPED = "stopped"
     MOVING = "moving"
@@ -15,7 +18,7 @@ class MotionState(StrEnum):
 
 
 class DeviceFault(StrEnum):
-    """Why a device says that it is in fault."""
+    """Cause of a fault that a device reports."""
 
     OVERLOAD = "overload"
     WATCHDOG = "watchdog"
@@ -24,12 +27,12 @@ class DeviceFault(StrEnum):
 
     @property
     def is_emergency(self) -> bool:
-        """Somebody or something stopped the machine with its own means, past every program."""
+        """True if a limit switch or an emergency stop of the machine acted, independent of any program."""
         return self in (DeviceFault.LIMIT_SWITCH, DeviceFault.EMERGENCY_STOP)
 
 
 class StopOnLinkLoss(StrEnum):
-    """What is known of a device's own reaction to a lost link."""
+    """Evidence that a device stops by itself after loss of its link."""
 
     VERIFIED = "verified"
     ASSUMED = "assumed"
@@ -37,18 +40,18 @@ class StopOnLinkLoss(StrEnum):
 
 
 class ControlMode(StrEnum):
-    """How a load frame is brought to a load."""
+    """How a load frame reaches a load."""
 
     LOAD = "load"
-    """By its own closed loop: it takes a target load and a rate."""
+    """Closed loop of the load frame: semlive commands a target load and a rate."""
     DISPLACEMENT = "displacement"
-    """By short ways of its crosshead, which semlive orders one after the other."""
+    """Short crosshead moves, which semlive commands in sequence."""
     MANUAL = "manual"
-    """By a person, or not at all."""
+    """Moves by a person, or no loading."""
 
 
 class StageKind(StrEnum):
-    """What a translation moves: the specimen, or the beam."""
+    """Whether a translation moves the specimen or the beam."""
 
     SPECIMEN = "specimen"
     BEAM = "beam"
@@ -56,19 +59,19 @@ class StageKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DeviceIdentity:
-    """Who answers at the other end.
+    """Identity and properties of a connected device.
 
     Attributes:
-        name: the device's name, version included if it tells.
-        simulated: the device says it is a simulator.
-        stop_on_link_loss: what is known of the device's own watchdog.
-        force_max_n: the device's own force limit, if it has one.
-        control: how it is brought to a load.
-        force_resolution_n: smallest change of the force reading, N; 0 where the number format sets none.
-        extension_resolution_mm: the same of the extension, mm.
+        name: the device's name, with its version if available.
+        simulated: whether the device reports itself as a simulator.
+        stop_on_link_loss: evidence for a watchdog in the device.
+        force_max_n: force limit of the device, N; None if there is none.
+        control: how it reaches a load.
+        force_resolution_n: smallest change of the force reading, N; 0 where the number format does not limit it.
+        extension_resolution_mm: smallest change of the extension reading, mm; 0 likewise.
         measures_extension: False if `extension_mm` of its readings is always 0.
         stiffness_n_mm: largest stiffness of specimen, grips and machine in series, as configured, N/mm; None if it is not stated.
-        rate_min_n_s: slowest change of load that it can be ordered, N/s; 0 if none is known.
+        rate_min_n_s: smallest load rate that the device accepts, N/s; 0 if unknown.
     """
 
     name: str
@@ -93,16 +96,16 @@ class LoadSample:
         mono_ns: monotonic clock at the same instant (wall ns).
         force_n: tension positive.
         extension_mm: crosshead extension.
-        motion: by the device's own word.
-        target_n: the load that the device is going to or holding.
-        simulator_lag_s: how far a simulator is behind its own clock; None for real devices.
+        motion: state of motion that the device reports.
+        target_n: load that the device approaches or holds.
+        simulator_lag_s: lag of a simulator behind its own clock; None for real devices.
         raw: the registers as read.
-        gage_strain: what a strain gage on the specimen says, tension positive; None without one, or while it says nothing.
-        trouble: why the device is in fault, where it tells; None otherwise.
-        rtt_s: how long the answer took (wall s); None if nobody looked.
-        counted: the device's own count of readings, and at how many that begins anew; not logged by itself, it stands in `raw`.
-        order_changed: how the device's own target, rate or command differs from what was last written there, as a sentence: another
-            program or a person commands it, or it was restarted; None if it agrees or cannot be read.
+        gage_strain: reading of a strain gage on the specimen, tension positive; None without a gage or a valid reading.
+        trouble: cause of a fault, if the device reports it; None otherwise.
+        rtt_s: round-trip time of the request (wall s); None if not measured.
+        counted: the device's counter of readings and its modulus; it is logged as part of `raw`.
+        order_changed: message about a target, rate or command in the device that differs from the last one written: another program or
+            a person commands it, or it was restarted; None if it agrees or cannot be read.
         orders_cleared: `order_changed` concerns values that are all 0 in the device, as after a restart.
     """
 
@@ -131,11 +134,11 @@ class StageSample:
         sequence: counts readings of this link, from 0.
         time_ns: experiment time when the answer was received, UTC ns.
         mono_ns: monotonic clock at the same instant (wall ns).
-        x_um: the stage's own reading, relative to its zero.
-        y_um: likewise.
-        motion: by the device's own word.
+        x_um: reading of the stage along x, relative to its zero.
+        y_um: reading of the stage along y, relative to its zero.
+        motion: state of motion that the device reports.
         raw: the registers as read.
-        rtt_s: how long the answer took (wall s); None if nobody looked.
+        rtt_s: round-trip time of the request (wall s); None if not measured.
     """
 
     sequence: int
@@ -150,7 +153,7 @@ class StageSample:
 
 @dataclass(frozen=True, slots=True)
 class FrameLoad:
-    """The load while one frame was scanned, in N, and what a strain gage said meanwhile.
+    """Load and strain gage reading while one frame was scanned.
 
     Attributes:
         before_n: at the start of the scan.
@@ -167,3 +170,20 @@ class FrameLoad:
     sd_n: float
     gage_strain: float | None = None
     gage_strain_sigma: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadSeries:
+    """Load and extension as sampled.
+
+    Attributes:
+        time_ns: (n,) experiment time, UTC ns.
+        force_n: (n,) force, tension positive.
+        extension_mm: (n,) crosshead extension.
+        gage_strain: (n,) strain gage, NaN without a valid reading; None without a gage.
+    """
+
+    time_ns: NDArray[np.int64]
+    force_n: NDArray[np.float64]
+    extension_mm: NDArray[np.float64]
+    gage_strain: NDArray[np.float64] | None = None

@@ -1,4 +1,4 @@
-"""What a person at the instrument is told and asked, and what came of it."""
+"""Messages and prompts to the operator of the instrument, and the responses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class PromptEvent(StrEnum):
-    """What happened between semlive and the person."""
+    """Event of the dialogue with the operator."""
 
     MESSAGE = "told"
     PROMPT = "asked"
@@ -16,7 +16,7 @@ class PromptEvent(StrEnum):
 
 
 class ResponseType(StrEnum):
-    """What answers a question."""
+    """Form of the response to a prompt."""
 
     CONFIRMATION = "confirmation"
     LOAD_N = "load_n"
@@ -24,13 +24,13 @@ class ResponseType(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class OperatorPrompt:
-    """One word of the conversation.
+    """One event of the dialogue with the operator.
 
     Attributes:
-        kind: told, asked, answered or taken back.
-        text: what was said, one line.
-        question: number of the question that it is about; None for what is only told.
-        response_type: what answers the question.
+        kind: message, prompt, response or withdrawal.
+        text: content, one line.
+        question: number of the prompt; None for messages.
+        response_type: form of the response.
     """
 
     kind: PromptEvent

@@ -1,4 +1,4 @@
-"""Pairs: two frames of one step with nothing moving between them."""
+"""Pairs: two frames of one step, without motion between them."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from semlive.data.loading import FrameLoad
 
 @dataclass(frozen=True, slots=True)
 class PairDecision:
-    """The engine's word that two exported frames are the pair of a step.
+    """Decision of the engine that two exported frames are the pair of a step.
 
-    Frames are numbered 2 * pair and 2 * pair + 1; exported files have numbers of their own, because most are refused.
+    Frames are numbered 2 * pair and 2 * pair + 1; exported files have separate numbers, because most are not part of a pair.
 
     Attributes:
         pair: number of the pair, that of its step.
-        step: what was commanded.
-        first: what is known of the first frame.
-        second: what is known of the second frame.
+        step: commanded step.
+        first: metadata of the first frame.
+        second: metadata of the second frame.
         loads: load during the first and second frame, or None without a load frame.
     """
 

@@ -1,14 +1,13 @@
-"""What the pipeline gives back for one pair, and for a whole run."""
+"""Results of the pipeline for one pair and for a complete run."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.displacement import Displacement
 from semlive.data.drift import EstimateRevision
 from semlive.data.pair import PairDecision
-from semlive.data.strain import ElasticConstants, StrainField, StrainGageComparison, StrainSummary
+from semlive.data.strain import Displacement, ElasticConstants, StrainField, StrainGageComparison, StrainSummary
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,17 +27,17 @@ class FrameResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairResult:
-    """What one pair changed.
+    """New and revised results after one pair.
 
     Attributes:
         decision: the pair.
-        pairs: how many pairs the estimate is of.
-        maps: what DIC measured: within the pair, and from frame 0 to each of its frames; empty if the pair was reported before.
-        estimate: what the estimator knows after this pair; in a long run, between two choices, of the newest pairs.
-        frames: the pair's two frames, corrected; none if the pair was reported before.
+        pairs: number of pairs in the estimate.
+        maps: disparity maps within the pair and from frame 0 to each of its frames; empty if the pair was reported before.
+        estimate: results of the estimator after this pair; in a long run, between two reviews, only of the newest pairs.
+        frames: the two corrected frames of the pair; empty if the pair was reported before.
         elastic: elastic constants so far, or None.
-        gage: DIC beside the strain gage so far, or None.
-        revised_frames: earlier frames, corrected again because what is known now moved their mean strain by more than its uncertainty.
+        gage: comparison of DIC with the strain gage so far, or None.
+        revised_frames: earlier frames, corrected again because their mean strain changed by more than its uncertainty.
     """
 
     decision: PairDecision
@@ -53,16 +52,16 @@ class PairResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunResult:
-    """A whole run, every frame corrected with the newest estimate.
+    """Results of a complete run, with every frame corrected by the newest estimate.
 
     Attributes:
         decisions: the pairs.
         estimate: the newest estimate.
-        frames: every accepted frame, frame 0 first; those of a long run may have been handed over one by one and left out here.
+        frames: every accepted frame, frame 0 first; empty where the frames of a long run were passed on one by one.
         elastic: elastic constants, or None without loads or area.
         messages: lines for the operator, made of the notes of the estimate and of the strain gage.
-        gage: DIC beside the strain gage, or None without one.
-        summaries: mean strain of every accepted frame, frame 0 first, whether or not its fields are kept in `frames`.
+        gage: comparison of DIC with the strain gage, or None without a gage.
+        summaries: mean strain of every accepted frame, frame 0 first, including frames that are not in `frames`.
     """
 
     decisions: tuple[PairDecision, ...]
@@ -75,4 +74,4 @@ class RunResult:
 
     def __post_init__(self) -> None:
         if not self.summaries:
-            object.__setattr__(self, "summaries", tuple(one.summary for one in self.frames))
+            object.__setattr__(self, "summaries", tuple(frame.summary for frame in self.frames))

@@ -1,4 +1,4 @@
-"""Scan timing: when each pixel of a frame was written (Sutton 2007, equations 1-4)."""
+"""Scan timing: the time at which each pixel of a frame was scanned (Sutton 2007, equations 1-4)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class Provenance(StrEnum):
-    """Where a value comes from."""
+    """Origin of a value."""
 
     FILE = "file"
     DERIVED = "derived"
@@ -24,7 +24,7 @@ class Provenance(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Sourced(Generic[T]):
-    """A value together with where it comes from."""
+    """A value with its origin."""
 
     value: T
     source: Provenance
@@ -36,8 +36,8 @@ class ScanTiming:
 
     Attributes:
         dwell_time_s: time on one pixel in one pass, t_D.
-        row_time_s: time from one row's start to the next, t_R, all its passes and fly-backs included.
-        frame_time_s: time of one whole scan, t_F.
+        row_time_s: time from the start of one row to the start of the next, t_R, including all passes and fly-backs.
+        frame_time_s: time of one complete scan, t_F.
         integrations: number of scans M that were integrated into the image.
         line_integrations: passes over each row that were integrated before the next row.
     """
@@ -62,11 +62,10 @@ class ScanTiming:
     def time_in_frame_s(self, x_px: ArrayLike, y_px: ArrayLike) -> NDArray[np.float64]:
         """Time since the scan began at positions (x, y), mean over the integrated scans (equation 3).
 
-        Positions may be fractional (a subset centre after displacement). Frame-integrated scans visit a
-        pixel once per scan, so their mean visit is (M - 1)/2 scans later than the first; of L passes over a row the mean
-        one is (L - 1)/2 passes later.
+        Positions may be fractional (a subset centre after displacement). With frame integration a pixel is scanned once per scan, so the
+        mean time is (M - 1)/2 scans after the first. With L passes over a row, the mean time is (L - 1)/2 passes after the first.
         """
-        first = np.asarray(x_px) * self.dwell_time_s.value + np.asarray(y_px) * self.row_time_s.value
+        first_visit_s = np.asarray(x_px) * self.dwell_time_s.value + np.asarray(y_px) * self.row_time_s.value
         passes = self.line_integrations.value
-        later_s = 0.5 * (passes - 1) / passes * self.row_time_s.value
-        return first + (later_s + 0.5 * (self.integrations.value - 1) * self.frame_time_s.value)
+        pass_delay_s = 0.5 * (passes - 1) / passes * self.row_time_s.value
+        return first_visit_s + (pass_delay_s + 0.5 * (self.integrations.value - 1) * self.frame_time_s.value)

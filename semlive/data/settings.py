@@ -1,29 +1,29 @@
-"""Settings of the numerics, as plain values (the configuration file is checked elsewhere and turned into these)."""
+"""Settings of correlation, estimation and strain as plain values; `semlive.service.config` reads them from the configuration."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from semlive.data.diagnosis import EMPTY_MODEL, EffectModel
+from semlive.data.diagnosis.effects import EMPTY_MODEL, EffectModel
 
 
 @dataclass(frozen=True, slots=True)
 class DicSettings:
-    """How pairs are correlated.
+    """Settings of the correlation of pairs.
 
     Attributes:
         subset_px: edge of the square subset, odd.
         step_px: distance of neighbouring POI.
         roi_px: first and last possible subset centres (x0, y0, x1, y1), inclusive; None covers the frame.
-        max_iterations: IC-GN iterations before a POI is given up.
+        max_iterations: maximum number of IC-GN iterations at a POI.
         tolerance_px: IC-GN stops when the next update is expected to move no subset corner by more than this.
-        min_zncc: a POI below this is not believed.
-        interpolation: of the current image: ``cubic`` or ``quintic`` B-spline (a third of the bias, twice the time).
+        min_zncc: smallest ZNCC of an accepted POI.
+        interpolation: of the current image: ``cubic`` or ``quintic`` B-spline (quintic: a third of the bias, twice the time).
         shape_function: of a subset: ``affine`` or ``quadratic`` (follows strain gradients, at twice the noise).
         min_valid_fraction: a subset with a smaller part outside masked areas is not measured.
-        search_px: no point moved further than this along x or y; None if that is not known. First guesses are then looked for no
-            further, and a pattern that repeats itself at more than twice the distance is not ambiguous.
+        search_px: largest displacement along x or y; None if unknown. It limits the search for first guesses, and a pattern with a
+            period above twice this distance does not count as ambiguous.
     """
 
     subset_px: int = 43
@@ -53,18 +53,18 @@ class DicSettings:
 
 
 MEASURES = {"engineering": "engineering small strain", "green_lagrange": "Green-Lagrange strain"}
-"""What the measures of strain are called in words."""
+"""Strain measures and their names in reports."""
 
 
 @dataclass(frozen=True, slots=True)
 class StrainSettings:
-    """How the virtual strain gauge fits displacement.
+    """Settings of the virtual strain gauge.
 
     Attributes:
         order: of the local polynomial, 1 or 2.
-        weights: over the window: ``uniform``, or ``gaussian`` (smoother, at the same noise a longer window).
+        weights: over the window: ``uniform``, or ``gaussian`` (smoother; needs a longer window for equal noise).
         measure: ``engineering`` small strain, or ``green_lagrange``.
-        butterworth_points: wavelength in POI at which displacement is cut before the fit, as in the published procedure; None: not.
+        butterworth_points: cut-off wavelength, in POI, of the displacement filter before the fit (published procedure); None: no filter.
     """
 
     order: int = 1
@@ -85,19 +85,19 @@ class StrainSettings:
 
 @dataclass(frozen=True, slots=True)
 class EstimateSettings:
-    """How drift and distortion are estimated.
+    """Settings of the estimate of drift and distortion.
 
     Attributes:
         drift_knots_per_frame: knots of the drift spline in each frame time.
         distortion_knot_px: knot distance of the distortion spline.
         window_points: edge of the virtual strain gauge in POI.
         method: ``joint``, or ``sutton2007`` for the published procedure.
-        sutton_smoothing_px: standard deviation of the Gaussian that smooths local drift over positions in ``sutton2007``; the paper
-            does not mention one, but its figures are not reached without.
-        strain: how the gauge fits.
-        sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and of measurement apart (footnote 5).
-        accept_poor_calibration: load the specimen, and correct what was measured under load, although the translations went in one
-            direction only or were too small.
+        sutton_smoothing_px: standard deviation of the Gaussian filter of local drift over positions in ``sutton2007``; the paper does not
+            mention a filter, but its accuracy is not reached without.
+        strain: settings of the virtual strain gauge.
+        sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and of measurement separately (footnote 5).
+        accept_poor_calibration: load the specimen and correct loaded frames although the translations covered one direction only or were
+            too small.
     """
 
     drift_knots_per_frame: float = 3.0
@@ -118,14 +118,14 @@ class EstimateSettings:
 
 @dataclass(frozen=True, slots=True)
 class SpecimenSettings:
-    """What is known of the specimen.
+    """Properties of the specimen.
 
     Attributes:
         name: free text.
-        area_mm2: cross-section, or None if unknown (no elastic constants then).
-        loading_axis: ``x`` or ``y``, the image axis that is pulled.
+        area_mm2: cross-section, or None if unknown (then without elastic constants).
+        loading_axis: ``x`` or ``y``, the image axis of the load.
         gage_factor_sigma: relative standard uncertainty of a strain gage's factor; data sheets give 0.5 to 1 %.
-        yield_strength_mpa: stress that no load of the plan shall exceed; None does not check it.
+        yield_strength_mpa: stress limit for the loads of the plan; None: not checked.
     """
 
     name: str = ""
@@ -147,15 +147,15 @@ class SpecimenSettings:
 
 @dataclass(frozen=True, slots=True)
 class ScanSpeed:
-    """Scan times that stand behind a microscope's name for a scan speed; one row of ``sem.scan_profiles``.
+    """Scan times for one named scan speed of a microscope; one row of ``sem.scan_profiles``.
 
     Attributes:
-        scan_speed: the name or number that the vendor's file gives.
-        instrument: how the name of the instrument in the file begins; empty fits any.
-        width_px: of the image it holds for; None for any width (the row time then has to be the same).
+        scan_speed: name or number of the scan speed in the files of the vendor.
+        instrument: first characters of the instrument name in the file; empty matches any.
+        width_px: width of the image; None for any width (if the row time is equal for all).
         dwell_time_s: time on one pixel in one pass.
-        row_time_s: from one row's start to the next, all passes and fly-backs included.
-        frame_time_s: of one whole scan.
+        row_time_s: time from the start of one row to the start of the next, including all passes and fly-backs.
+        frame_time_s: time of one complete scan.
     """
 
     scan_speed: str
@@ -166,26 +166,26 @@ class ScanSpeed:
     frame_time_s: float | None = None
 
     def fits(self, instrument: str, scan_speed: str, width_px: int) -> bool:
-        """Whether a file was scanned so."""
-        named = scan_speed != "" and self.scan_speed == scan_speed
-        return named and instrument.startswith(self.instrument) and self.width_px in (None, width_px)
+        """Whether these scan times apply to a file."""
+        same_speed = scan_speed != "" and self.scan_speed == scan_speed
+        return same_speed and instrument.startswith(self.instrument) and self.width_px in (None, width_px)
 
 
 @dataclass(frozen=True, slots=True)
 class ScanProfile:
-    """What the user says of files whose vendor does not.
+    """Scan metadata from the configuration, for values that the files do not contain.
 
     Attributes:
-        start_anchor: what a file's embedded time marks: ``start``, ``end`` or ``save`` (`save_delay_s` after the end).
-        start_sigma_s: standard uncertainty of the start time derived from it.
+        start_anchor: instant that the embedded time of a file marks: ``start``, ``end`` or ``save`` (`save_delay_s` after the end).
+        start_sigma_s: standard uncertainty of the start time derived from the embedded time.
         dwell_time_s: used when the file has none.
         row_time_s: used when the file has none.
         frame_time_s: used when the file has none.
         pixel_size_m: used when the file has none.
-        databar_rows: used when the file does not tell; None means no databar.
-        clock_offset_s: clock of the microscope's computer minus UTC, its time zone included; taken off embedded times.
+        databar_rows: used when the file has none; None means no databar.
+        clock_offset_s: clock of the microscope's computer minus UTC, including the time zone; subtracted from embedded times.
         save_delay_s: from the end of a scan to the time in the file, for ``save``.
-        field_width_mm_at_1x: width of the field at magnification 1, as calibrated; gives the pixel size when the file has none.
+        field_width_mm_at_1x: calibrated width of the field at magnification 1; gives the pixel size when the file has none.
         speeds: scan times by scan speed, used before the values above.
     """
 
@@ -210,7 +210,7 @@ class ScanProfile:
 
 @dataclass(frozen=True, slots=True)
 class AnalysisSettings:
-    """All that the pipeline needs to know."""
+    """All settings of the pipeline."""
 
     dic: DicSettings = DicSettings()
     estimate: EstimateSettings = EstimateSettings()

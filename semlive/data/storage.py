@@ -1,4 +1,4 @@
-"""Where what a run holds for good is kept: in memory as it is, or by somebody else who gives the same numbers back."""
+"""Storage of the arrays that a run keeps until its end: an interface, and its implementation in memory."""
 
 from __future__ import annotations
 
@@ -13,50 +13,50 @@ V = TypeVar("V")
 
 
 class Storage(Protocol):
-    """Keeps values, which never change."""
+    """Storage of immutable values; a stored array has the same numbers, shape and order."""
 
     def store_map(self, disparity: DisparityMap) -> DisparityMap:
-        """The same map."""
+        """Store a map; returns an equal map."""
         ...
 
     def store_array(self, array: NDArray[Any]) -> NDArray[Any]:
-        """The same numbers in an array of the same shape and order."""
+        """Store an array; returns an equal array."""
         ...
 
     def store_transient(self, array: NDArray[Any]) -> NDArray[Any]:
-        """The same for an array that the next pair's takes the place of."""
+        """Store an array until the array of the next pair replaces it; returns an equal array."""
         ...
 
     def append(self, history: Sequence[V], new: Iterable[V]) -> Sequence[V]:
-        """Everything so far and, after it, what is new: equal values, not the same objects."""
+        """The history followed by the new values; values are equal, objects may differ."""
         ...
 
     def update(self, stored: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
-        """Return a mapping with new values, which replace values of the same number."""
+        """The stored values with the new ones, which replace values of the same number; values are equal, objects may differ."""
         ...
 
 
 class InMemoryStorage:
-    """Everything stays as it is."""
+    """Storage in the memory of the process; returns its arguments."""
 
     def store_map(self, disparity: DisparityMap) -> DisparityMap:
-        """The map itself."""
+        """Return the map."""
         return disparity
 
     def store_array(self, array: NDArray[Any]) -> NDArray[Any]:
-        """The array itself."""
+        """Return the array."""
         return array
 
     def store_transient(self, array: NDArray[Any]) -> NDArray[Any]:
-        """The array itself."""
+        """Return the array."""
         return array
 
     def append(self, history: Sequence[V], new: Iterable[V]) -> Sequence[V]:
-        """A tuple."""
+        """Return a tuple of the history and the new values."""
         return (*history, *new)
 
     def update(self, stored: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
-        """A dictionary."""
+        """Return a dictionary of both."""
         return {**stored, **new}
 
 

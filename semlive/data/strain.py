@@ -1,4 +1,4 @@
-"""Strain fields, their summary, and the elastic constants."""
+"""Displacement and strain fields, their summary, the elastic constants and the comparison with a strain gage."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class StrainField:
         exx: (ny, nx), zero where not valid.
         eyy: (ny, nx), zero where not valid.
         exy: (ny, nx), zero where not valid.
-        valid: (ny, nx) True where the gauge was full enough to fit.
+        valid: (ny, nx) True where the gauge had enough valid points.
     """
 
     frame: int
@@ -37,7 +37,7 @@ class StrainField:
 
 @dataclass(frozen=True, slots=True)
 class Tensor2:
-    """Three in-plane components of anything that strain has: mean, sigma, sd."""
+    """Three in-plane components of a strain quantity: mean, standard uncertainty or standard deviation."""
 
     exx: float
     eyy: float
@@ -54,9 +54,9 @@ class StrainSummary:
         mean_sigma: standard uncertainty of the mean.
         sd: standard deviation over the valid grid, for the gauge in `vsg_px`.
         vsg_px: edge of the virtual strain gauge.
-        gauge_sigma: standard uncertainty of the strain of one whole gauge; None where it is not stated.
-        systematic_sigma: the part of `mean_sigma`, and of `gauge_sigma`, that the correction adds: the same for all points of the
-            frame, and not made smaller by more of them. The rest is the noise of the correlation. None where it is not stated.
+        gauge_sigma: standard uncertainty of the strain of one complete gauge; None if unknown.
+        systematic_sigma: part of `mean_sigma` and of `gauge_sigma` by the correction: common to all points of the frame, so averaging
+            does not reduce it. The other part is the noise of the correlation. None if unknown.
     """
 
     frame: int
@@ -112,16 +112,44 @@ class GageStep:
 
 @dataclass(frozen=True, slots=True)
 class StrainGageComparison:
-    """DIC beside a strain gage on the same specimen; all are slopes, so neither's zero matters.
+    """Comparison of DIC with a strain gage on the same specimen; all values are slopes, independent of zero offsets.
 
     Attributes:
-        steps: the load steps of which both say something.
+        steps: load steps with data of DIC and gage.
         youngs_modulus_gpa: slope of stress over the gage's strain.
         poissons_ratio: minus the slope of DIC's transverse strain over the gage's.
-        dic_over_gage: slope of DIC's axial strain over the gage's; 1 where both are right.
+        dic_over_gage: slope of DIC's axial strain over the gage's; 1 if both are correct.
     """
 
     steps: tuple[GageStep, ...]
     youngs_modulus_gpa: MeasuredValue
     poissons_ratio: MeasuredValue
     dic_over_gage: MeasuredValue
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Displacement:
+    """Displacement of the specimen from frame 0 to a frame, on the reference grid.
+
+    Attributes:
+        frame: number of the frame.
+        grid: the POI, in frame 0.
+        u_px: (ny, nx) along x; zero where not valid.
+        v_px: (ny, nx) along y; zero where not valid.
+        sigma_u_px: (ny, nx) standard uncertainty along x.
+        sigma_v_px: (ny, nx) standard uncertainty along y.
+        valid: (ny, nx) True where displacement was measured.
+        systematic_u_px: (ny, nx) standard uncertainty along x by the correction, without its mean over the field; None where it was not
+            requested, or the method has no estimate.
+        systematic_v_px: (ny, nx) likewise along y.
+    """
+
+    frame: int
+    grid: Grid
+    u_px: NDArray[np.float64]
+    v_px: NDArray[np.float64]
+    sigma_u_px: NDArray[np.float64]
+    sigma_v_px: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    systematic_u_px: NDArray[np.float64] | None = None
+    systematic_v_px: NDArray[np.float64] | None = None

@@ -9,7 +9,7 @@ from typing import TypeVar
 T = TypeVar("T")
 R = TypeVar("R")
 
-# A machine at an instrument has two cores at least, and every family that is asked at once takes up to a tenth of a gigabyte more.
+# A computer at an instrument has at least two cores; each effect class in work needs up to a tenth of a gigabyte of memory.
 WORKERS = 2
 
 

@@ -15,7 +15,7 @@ from semlive.diagnose.baseline.observation import Observation
 from semlive.errors import BadInput
 
 Array = NDArray[np.float64]
-RESAMPLED = 999
+BOOTSTRAP_DRAWS = 999
 MIN_BEYOND_NOISE_FRACTION = 0.5
 
 
@@ -88,19 +88,19 @@ def compare_with_simulations(measured: Observation, without: Observation, with_e
     runs = (measured, without, with_effects)
     if len({(run.frames, run.grid) for run in runs}) > 1:
         text = ", ".join(f"{run.frames} frames of {run.grid.nx} x {run.grid.ny} points" for run in runs)
-        raise BadInput(f"the runs cannot be compared frame by frame: {text}; simulate the scenario of the measured run's own protocol")
+        raise BadInput(f"the runs cannot be compared frame by frame: {text}; simulate the scenario with the protocol of the measured run")
     blocks = reduce(np.intersect1d, [run.valid_blocks for run in runs])
     baselines = [noise_scaled_baseline(run) for run in runs]
-    residual = [_left(baseline)[:, np.isin(baseline.design.observation.valid_blocks, blocks)] for baseline in baselines]
-    noisier = (baselines[0].design.whiten.sigma_px / baselines[1].design.whiten.sigma_px) ** 2
+    residual = [_residual_px(baseline)[:, np.isin(baseline.design.observation.valid_blocks, blocks)] for baseline in baselines]
+    noise_ratio = (baselines[0].design.whiten.sigma_px / baselines[1].design.whiten.sigma_px) ** 2
     gaps = (residual[0] - residual[1], residual[0] - residual[2])
-    maps = _maps(np.stack([*(_squares(gap) for gap in gaps), (1.0 + noisier) * _squares(residual[1])]))
+    maps = _maps(np.stack([*(_squares(gap) for gap in gaps), (1.0 + noise_ratio) * _squares(residual[1])]))
     shapes = np.linalg.qr(modes(measured.geometry)[:, np.isin(measured.valid_blocks, blocks)].mean(axis=0))[0]
     smooth = [_squares(np.einsum("bk,ck,fcd->fbd", shapes, shapes, value, optimize=True)) for value in residual]
-    return Comparison(maps, _sizes(smooth, noisier), len(residual[0]), len(blocks))
+    return Comparison(maps, _sizes(smooth, noise_ratio), len(residual[0]), len(blocks))
 
 
-def _left(run: HyperparameterGrid) -> Array:
+def _residual_px(run: HyperparameterGrid) -> Array:
     """(f, b, 2) residual of the baseline in every frame, px; the mean over the frames is not determined.
 
     The residual of the first solution is not used: it may include raster terms, which removed a magnification drift of 0.4 px.
@@ -114,10 +114,10 @@ def _squares(field_px: Array) -> Array:
     return np.asarray((np.mean(field_px**2, axis=(1, 2)) * 2.0).reshape(-1, 2).mean(axis=1))
 
 
-def _again(by_pair: Array) -> Array:
+def _bootstrap_means(by_pair: Array) -> Array:
     """(k, draws) bootstrap means over resampled pairs, of (k, pairs)."""
     n = by_pair.shape[1]
-    return np.asarray(by_pair[:, np.random.default_rng(0).integers(n, size=(RESAMPLED, n))].mean(axis=2))
+    return np.asarray(by_pair[:, np.random.default_rng(0).integers(n, size=(BOOTSTRAP_DRAWS, n))].mean(axis=2))
 
 
 def _interval(samples: Array) -> tuple[float, float]:
@@ -127,7 +127,7 @@ def _interval(samples: Array) -> tuple[float, float]:
 
 def _maps(by_pair: Array) -> MisfitReduction:
     before, after, floor = np.sqrt(by_pair.mean(axis=1)).tolist()
-    return MisfitReduction(before, after, floor, float(_closure(by_pair.mean(axis=1))), _interval(_closure(_again(by_pair))))
+    return MisfitReduction(before, after, floor, float(_closure(by_pair.mean(axis=1))), _interval(_closure(_bootstrap_means(by_pair))))
 
 
 def _closure(squares: Array) -> Array:
@@ -136,13 +136,13 @@ def _closure(squares: Array) -> Array:
     return np.where(gap > 0.0, (squares[0] - squares[1]) / np.where(gap > 0.0, gap, 1.0), 0.0)
 
 
-def _sizes(smooth: list[Array], noisier: float) -> SmoothPowerRatio:
-    """By how much the measurement and the simulation with effects exceed the simulation without, noise being scaled."""
-    beyond = np.stack([smooth[0] - noisier * smooth[1], smooth[2] - smooth[1]])
+def _sizes(smooth: list[Array], noise_ratio: float) -> SmoothPowerRatio:
+    """Power of the measurement and of the simulation with effects beyond the simulation without effects, scaled by the noise."""
+    beyond = np.stack([smooth[0] - noise_ratio * smooth[1], smooth[2] - smooth[1]])
     measured, simulated = np.sqrt(np.maximum(beyond.mean(axis=1), 0.0)).tolist()
-    samples = np.maximum(_again(beyond), 0.0)
-    # What the baseline leaves of noise differs by a fifth between runs: drift and distortion are as smooth as each run says.
-    observed = float(np.quantile(samples[0], 0.025)) > MIN_BEYOND_NOISE_FRACTION * noisier * float(smooth[1].mean())
+    samples = np.maximum(_bootstrap_means(beyond), 0.0)
+    # The baseline absorbs noise differently in each run, by up to a fifth, because each run determines its own smoothness.
+    observed = float(np.quantile(samples[0], 0.025)) > MIN_BEYOND_NOISE_FRACTION * noise_ratio * float(smooth[1].mean())
     ratios = np.sqrt(samples[1] / np.maximum(samples[0], 1e-30))
     ratio = simulated / measured if observed else 0.0
     return SmoothPowerRatio(measured if observed else 0.0, simulated, ratio, _interval(ratios) if observed else (0.0, math.inf))

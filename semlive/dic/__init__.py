@@ -1,9 +1,8 @@
 """Digital image correlation: from two frames to a disparity map."""
 
-from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.disparity import DisparityMap, PoiStatus, RowShifts
+from semlive.data.frame import PatternQuality
 from semlive.data.grid import Grid
-from semlive.data.quality import PatternQuality
-from semlive.data.row_shifts import RowShifts
 from semlive.data.settings import DicSettings
 from semlive.dic.api import match
 from semlive.dic.banded import correlate_tiled, is_large

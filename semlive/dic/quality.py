@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from semlive.data.disparity import PoiStatus
+from semlive.data.frame import PatternQuality
 from semlive.data.grid import Grid
-from semlive.data.quality import PatternQuality
 from semlive.data.settings import DicSettings
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import prepare

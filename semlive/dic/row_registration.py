@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.disparity import DisparityMap
-from semlive.data.row_shifts import RowJitter, RowShifts
+from semlive.data.disparity import DisparityMap, RowJitter, RowShifts
 from semlive.dic.uncertainty import interpolation_noise_gain
 from semlive.errors import BadInput
 from semlive.kernels import interface

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.displacement import Displacement
 from semlive.data.drift import Correction
+from semlive.data.grid import Grid
+from semlive.data.strain import Displacement
 
 
 def displacement(dmap: DisparityMap, correction: Correction) -> Displacement:
@@ -25,6 +26,14 @@ def displacement(dmap: DisparityMap, correction: Correction) -> Displacement:
         dmap.sigma_v_px,
         valid,
     )
+
+
+def zero_displacement(grid: Grid) -> Displacement:
+    """Displacement of frame 0 from itself: zero everywhere, without uncertainty."""
+    zero, valid = np.zeros(grid.shape), np.ones(grid.shape, dtype=np.bool_)
+    zero.setflags(write=False)
+    valid.setflags(write=False)
+    return Displacement(0, grid, zero, zero, zero, zero, valid)
 
 
 def _read_only(array: NDArray[np.float64]) -> NDArray[np.float64]:

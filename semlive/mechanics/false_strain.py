@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from semlive.data.displacement import Displacement
 from semlive.data.drift import DistortionField
 from semlive.data.grid import Grid
-from semlive.data.strain import StrainField
+from semlive.data.strain import Displacement, StrainField
 from semlive.mechanics.strain import strain
 
 

@@ -7,10 +7,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
 from semlive.data.settings import StrainSettings
-from semlive.data.strain import StrainField, Tensor2
+from semlive.data.strain import Displacement, StrainField, Tensor2
 from semlive.mechanics.strain_gauge_fits import whole_window
 
 Field = NDArray[np.float64]

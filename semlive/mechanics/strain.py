@@ -8,8 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.displacement import Displacement
-from semlive.data.strain import StrainField
+from semlive.data.strain import Displacement, StrainField
 from semlive.errors import IllPosed
 from semlive.kernels.window_moments import window_moments
 

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
-from semlive.data.displacement import Displacement
 from semlive.data.settings import StrainSettings
-from semlive.data.strain import StrainField, Tensor2
+from semlive.data.strain import Displacement, StrainField, Tensor2
 from semlive.errors import IllPosed
 from semlive.mechanics.strain import MIN_FILL, strain
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from semlive.data.displacement import Displacement
 from semlive.data.settings import StrainSettings
-from semlive.data.strain import StrainField, StrainSummary, Tensor2
+from semlive.data.strain import Displacement, StrainField, StrainSummary, Tensor2
 from semlive.errors import IllPosed
 from semlive.mechanics.gauge_noise import gauge_sigma
 

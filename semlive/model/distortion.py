@@ -14,25 +14,26 @@ from semlive.model.effect import Axis, FrameObservation, TensorColumns
 from semlive.model.knots import KnotSpline, towards_start
 from semlive.model.splines import UniformSpline
 
-# Distortion is smooth over most of the frame. With knots 100 px apart a cubic leaves 1e-4 px of a wave of 1100 px, 5e-6 of false
-# strain between two places; a quintic, of as many knots, leaves 3e-7 px.
+# Distortion is smooth over most of the frame. With a knot distance of 100 px a cubic spline has a residual of 1e-4 px for a wave of 1100
+# px, 5e-6 of false strain between two points; a quintic spline with the same knots has 3e-7 px.
 DEGREE = 5
-# Where a row begins the beam has not come to rest: its error falls off within 5 to 200 px. Towards there the distance of knots is halved as
-# often as that, as far as points are seen. Without, 3 px that fall off within 10 columns left 2.6 times the error there, twice elsewhere.
+# At the start of a row the beam is still settling: its error decays within 5 to 200 px. Therefore the knot distance is halved repeatedly
+# towards the row start, as far as points are observed. Without this, 3 px decaying within 10 columns gave 2.6 times the error there and
+# twice the error elsewhere.
 MAX_HALVINGS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class DistortionSpline:
-    """E(R) in px at scan address R: an ideal raster would have written R at R - E(R).
+    """E(R) in px at scan address R: an ideal raster places R at R - E(R).
 
     Parameters are ordered row by row: coefficient (iy, ix) is ``iy * along_x.size + ix``.
 
     Attributes:
-        along_x: over columns; its knots may be closer at the line start.
-        along_y: over rows.
-        carried: whether the distortion is carried along by the drift, E(R - d) as in equations 6 and 9 of Sutton 2007 (gamma = 1),
-            and does not stay at the scan address, E(R) (gamma = 0).
+        along_x: spline over columns; its knots may be closer at the row start.
+        along_y: spline over rows.
+        carried: whether the drift advects the distortion, E(R - d) as in equations 6 and 9 of Sutton 2007 (gamma = 1); otherwise the
+            distortion is fixed at the scan address, E(R) (gamma = 0).
     """
 
     along_x: UniformSpline | KnotSpline
@@ -41,7 +42,7 @@ class DistortionSpline:
 
     @classmethod
     def covering(cls, width_px: int, height_px: int, knot_px: float, first_px: float | None = None) -> DistortionSpline:
-        """A spline over a whole frame with knots at most `knot_px` apart, closer between the line start and the `first_px` column seen."""
+        """A spline over a frame with knots at most `knot_px` apart, closer between the row start and the first observed column."""
         nx, ny = math.ceil((width_px - 1) / knot_px), math.ceil((height_px - 1) / knot_px)
         spacing_px = (width_px - 1) / nx
         halvings = sum(spacing_px * 0.5**count >= first_px for count in range(1, MAX_HALVINGS + 1)) if first_px is not None else 0
@@ -62,7 +63,7 @@ class DistortionSpline:
 
     @property
     def needs_ideal(self) -> bool:
-        """False: it belongs to the scan address, drift taken off or not."""
+        """False: it depends on the scan address only."""
         return False
 
     def columns(self, observation: FrameObservation) -> tuple[TensorColumns, ...]:
@@ -70,7 +71,7 @@ class DistortionSpline:
         x_px, y_px = observation.x_px, observation.y_px
         if self.carried:
             if observation.drift_px is None:
-                raise ValueError("a distortion that is carried along needs the drift at the points")
+                raise ValueError("a distortion that the drift advects needs the drift at the points")
             x_px, y_px = x_px - observation.drift_px[:, 0], y_px - observation.drift_px[:, 1]
         index_x, value_x = self.along_x.local(x_px)
         index_y, value_y = self.along_y.local(y_px)

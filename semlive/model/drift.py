@@ -1,4 +1,4 @@
-"""Drift: one function of absolute scan time for the whole field, a cubic spline per component."""
+"""Drift: one function of absolute scan time, common to all points of the field, as a cubic spline per component."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from semlive.model.splines import UniformSpline
 
 @dataclass(frozen=True, slots=True)
 class DriftSpline:
-    """d(t) in px: the point at p is written where p + d(t) is, so drift towards +x moves features towards +x.
+    """d(t) in px: the point at p appears at p + d(t), so drift towards +x moves features towards +x.
 
     Attributes:
-        spline: over time in seconds after the start of frame 0.
+        spline: spline over time, seconds after the start of frame 0.
     """
 
     spline: UniformSpline

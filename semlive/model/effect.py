@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 
 class Axis(Enum):
-    """Which component of the position a column acts on."""
+    """Component of the position that a column changes."""
 
     EACH = "each"
-    """x and y alike, with parameters of their own: index i means parameter 2 i for x and 2 i + 1 for y."""
+    """x and y with separate parameters: index i means parameter 2 i for x and 2 i + 1 for y."""
     X = "x"
     Y = "y"
 
@@ -29,10 +29,10 @@ class FrameObservation:
         pair: number of its pair.
         x_px: (n,) scan address, column.
         y_px: (n,) scan address, row.
-        visit_time_s: (visits, n) when the beam was there, seconds after the start of frame 0.
+        visit_time_s: (visits, n) scan times, seconds after the start of frame 0.
         ideal_px: (n, 2) ideal position in pair 0 relative to the image centre, or None where no effect needs it.
-        rotation_rad: rotation of the specimen since pair 0 that columns are linearised about; 0 where it is not known to be rigid.
-        drift_px: (n, 2) drift at the visits, where the distortion is carried along by it; else None.
+        rotation_rad: rotation of the specimen since pair 0 for linearisation; 0 if its motion is not known to be rigid.
+        drift_px: (n, 2) drift at the scan times, if it advects the distortion; else None.
     """
 
     frame: int
@@ -50,7 +50,7 @@ class Columns:
     """Part of the design matrix in local form: row r has ``value[r, j]`` at parameter ``index[r, j]``.
 
     Attributes:
-        axis: the component acted on.
+        axis: changed component of the position.
         index: (n, k) index within the effect's own parameters (see Axis.EACH).
         value: (n, k) px per unit of the parameter.
     """
@@ -65,7 +65,7 @@ class TensorColumns:
     """Columns that are a product of one row over x and one over y, as those of a surface; `index` and `value` as in `Columns`.
 
     Attributes:
-        axis: the component acted on.
+        axis: changed component of the position.
         index_x: (n, kx) index along x.
         value_x: (n, kx) factor along x.
         index_y: (n, ky) index along y.

@@ -19,7 +19,7 @@ ITERATIONS = 8  # distortion gradients are below 2e-2, so each pass gains two di
 
 
 def predicted_offsets(model: Sequence[Effect], parameters: NDArray[np.float64], observation: FrameObservation) -> NDArray[np.float64]:
-    """(n, 2) what all effects together add to the ideal position: ``R - p_0``."""
+    """(n, 2) sum of all effects on the ideal position: ``R - p_0``."""
     layout = Layout.of(model)
     observation = evaluate_drift(model, parameters, observation)
     total = np.zeros((len(observation.x_px), 2))
@@ -34,14 +34,14 @@ def predicted_offsets(model: Sequence[Effect], parameters: NDArray[np.float64], 
 
 
 def _both(columns: Columns | TensorColumns, own: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) what columns that act on x and y alike add, with parameters (k, 2)."""
+    """(n, 2) contribution of columns that act on x and y, with parameters (k, 2)."""
     if isinstance(columns, TensorColumns):
         return evaluate_surface(columns.index_y, columns.value_y, columns.index_x, columns.value_x, own.reshape(*columns.shape, 2))
     return evaluate_curve(np.ascontiguousarray(columns.index), np.ascontiguousarray(columns.value), np.ascontiguousarray(own))
 
 
 def evaluate_drift(model: Sequence[Effect], parameters: NDArray[np.float64], observation: FrameObservation) -> FrameObservation:
-    """The sighting with the drift at its points, where the model's distortion is carried along by it; else as it was."""
+    """The observation with the drift at its points, if the drift advects the distortion of the model; else unchanged."""
     drift = next((effect for effect in model if isinstance(effect, DriftSpline)), None)
     if (
         drift is None
@@ -55,9 +55,9 @@ def evaluate_drift(model: Sequence[Effect], parameters: NDArray[np.float64], obs
 def scan_address(
     model: Sequence[Effect], parameters: NDArray[np.float64], when: FrameTime, p0_px: NDArray[np.float64], centre_px: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(n, 2) where a frame shows the material points whose ideal positions in pair 0 are `p0_px` (n, 2).
+    """(n, 2) scan addresses in a frame of the material points with ideal positions `p0_px` (n, 2) in pair 0.
 
-    The effects act at the address sought and at the time when the beam is there, so it is found by iteration.
+    The effects depend on the address and on its scan time, so the address is determined by iteration.
     """
     address = p0_px
     for _ in range(ITERATIONS):

@@ -12,12 +12,12 @@ from semlive.model.effect import Axis, Columns, FrameObservation
 
 
 class MotionKind(Enum):
-    """How the specimen may differ from pair 0 besides its translation."""
+    """Motion of the specimen relative to pair 0 in addition to translation."""
 
     RIGID = 3
     """A small rotation: parameters shift x, shift y, angle (rad, positive from x towards y)."""
     GRADIENT = 6
-    """Any gradient: parameters shift x, du/dx, du/dy, shift y, dv/dx, dv/dy."""
+    """A free displacement gradient: parameters shift x, du/dx, du/dy, shift y, dv/dx, dv/dy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,17 +48,17 @@ class PairMotions:
         return True
 
     def part(self, pair: int) -> tuple[slice, MotionKind]:
-        """The slice of one pair's parameters and what they mean."""
+        """Index range and kind of the parameters of one pair."""
         at = self.pairs.index(pair)
         start = _count(self.kinds[:at])
         return slice(start, start + self.kinds[at].value), self.kinds[at]
 
     def with_pair(self, pair: int, kind: MotionKind) -> PairMotions:
-        """The same with one pair more."""
+        """The motion with one more pair."""
         return PairMotions((*self.pairs, pair), (*self.kinds, kind))
 
     def columns(self, observation: FrameObservation) -> tuple[Columns, ...]:
-        """Columns of the sighting's own pair; none for the reference pair."""
+        """Columns of the pair of the observation; none for the reference pair."""
         if observation.pair not in self.pairs:
             return ()
         if observation.ideal_px is None:
@@ -70,7 +70,7 @@ class PairMotions:
         return _column(Axis.X, part.start, (0, 1, 2), (ones, px, py)), _column(Axis.Y, part.start, (3, 4, 5), (ones, px, py))
 
     def turn_rad(self, pair: int, parameters: NDArray[np.float64]) -> float:
-        """Rotation of a pair that moved rigidly, else 0."""
+        """Rotation of a pair with rigid motion, rad; else 0."""
         if pair not in self.pairs:
             return 0.0
         part, kind = self.part(pair)
@@ -88,7 +88,7 @@ class PairMotions:
 
 
 def _count(kinds: tuple[MotionKind, ...]) -> int:
-    """Parameters of so many pairs; asked for dozens of times with every pair of a run of a thousand."""
+    """Number of parameters of the given pairs; called many times per pair, so it counts without a loop."""
     rigid = MotionKind.RIGID.value
     return rigid * len(kinds) + (MotionKind.GRADIENT.value - rigid) * kinds.count(MotionKind.GRADIENT)
 

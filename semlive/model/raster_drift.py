@@ -18,9 +18,9 @@ class RasterTerm(StrEnum):
     """Component of the raster change."""
 
     MAGNIFICATION = "magnification"
-    """Every distance from the image centre grows by the same fraction."""
+    """All distances from the image centre change by an equal fraction."""
     ROTATION = "raster_rotation"
-    """The raster's content turns about the image centre, positive from x towards y."""
+    """Rotation of the image about its centre, positive from x towards y."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class RasterChange:
 def _levers(
     spline: UniformSpline, centre_px: tuple[float, float], radius_px: float, observation: FrameObservation
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Indices, and basis values times the levers along x and y: rotation asks for the same as magnification did just before."""
+    """Indices, and basis values times the levers along x and y; cached, because rotation and magnification use equal values."""
     index, value = spline.local(observation.visit_time_s.mean(axis=0))
     x, y = (observation.x_px - centre_px[0]) / radius_px, (observation.y_px - centre_px[1]) / radius_px
     return index, value * x[:, None], value * y[:, None]

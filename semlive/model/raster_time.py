@@ -1,4 +1,4 @@
-"""Raster time: when the beam was at a scan address (Sutton 2007, equations 1-4)."""
+"""Raster time: scan time of an address (Sutton 2007, equations 1-4)."""
 
 from __future__ import annotations
 

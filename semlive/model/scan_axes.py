@@ -13,9 +13,9 @@ from semlive.model.effect import Axis, Columns, FrameObservation
 class ScanAxes:
     """Aspect a and skew b of the scan, ``p = M p_true`` with ``M = 1 + [[a, b], [b, -a]]``.
 
-    Unknown translations cannot tell M, so the distortion is given without its affine part. A rotation by theta of the true
-    specimen is then seen as ``M theta J M^-1 = theta (J + [mu, J])``. Left out, rotations of 2e-4 rad and axes that differ by 0.5 % put
-    0.01 px into the distortion; with it, rotations tell the axes.
+    Unknown translations do not determine M, so the distortion is given without its affine part. A rotation of the specimen by theta is then
+    observed as ``M theta J M^-1 = theta (J + [mu, J])``. Without this effect, rotations of 2e-4 rad and axes that differ by 0.5 % change
+    the distortion by 0.01 px; with it, rotations determine the axes.
     """
 
     @property

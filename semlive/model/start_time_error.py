@@ -62,8 +62,8 @@ class StartTimeErrors:
 
     def about(self, rates: dict[int, Rate]) -> StartTimeErrors:
         """Linearised about drift rates given by pair; other pairs keep their rates."""
-        told = zip(self.pairs, self.rate_px_s, strict=True)
-        return replace(self, rate_px_s=tuple(rates.get(pair, before) for pair, before in told))
+        rate_by_pair = zip(self.pairs, self.rate_px_s, strict=True)
+        return replace(self, rate_px_s=tuple(rates.get(pair, before) for pair, before in rate_by_pair))
 
     def part(self, pair: int) -> slice:
         """Index range of the parameter of a pair; empty if its starts are known exactly."""

@@ -14,7 +14,7 @@ from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult
 from semlive.data.strain import StrainSummary, Tensor2
 from semlive.estimate.method import MethodCorrectionStrain, MethodSolution
-from semlive.mechanics.reference import zero_displacement
+from semlive.mechanics.displacement import zero_displacement
 from semlive.pipeline.state import AnalysisState, ReportedFrame, frames_of
 
 MIN_STRAIN_SIGMA = 1e-12  # a smaller uncertainty of a mean strain is rounding

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive import estimate
-from semlive.data.diagnosis import EffectModel, ModelEffect
+from semlive.data.diagnosis.effects import EffectModel, ModelEffect
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.grid import Grid

@@ -1,1 +1,1 @@
-"""Pages and tables for people."""
+"""Reports of a run: pages, figures, exports and scores."""

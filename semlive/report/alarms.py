@@ -14,17 +14,17 @@ def alarms_html(alarms: Alarms | None) -> str:
     """Every alarm of a run, in order.
 
     Args:
-        alarms: of the log; None if the log was not read for them, which is not the same as none.
+        alarms: alarms of the log; None if the log was not read for alarms.
     """
     if alarms is None:
-        return "<p>Not known: the log was not read for alarms.</p>"
+        return "<p>Unknown: the log was not read for alarms.</p>"
     if not alarms.listed:
         return "<p>None.</p>"
-    left = f" The {alarms.forgotten} oldest acknowledged or repeated ones are not listed." if alarms.forgotten else ""
-    found = f"<p>{len(alarms.listed) + alarms.forgotten} alarms, {len(alarms.open)} of them not acknowledged.{left}</p>"
+    omitted = f" The {alarms.forgotten} oldest acknowledged or repeated ones are not listed." if alarms.forgotten else ""
+    summary = f"<p>{len(alarms.listed) + alarms.forgotten} alarms, {len(alarms.open)} of them not acknowledged.{omitted}</p>"
     head = "".join(f"<th>{heading}</th>" for heading in _HEADINGS)
     body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(alarm)) + "</tr>" for alarm in alarms.listed)
-    return f'{found}<div class="scroll"><table class="words"><tr>{head}</tr>{body}</table></div>'
+    return f'{summary}<div class="scroll"><table class="text"><tr>{head}</tr>{body}</table></div>'
 
 
 def _cells(alarm: Alarm) -> tuple[str, ...]:
@@ -33,6 +33,6 @@ def _cells(alarm: Alarm) -> tuple[str, ...]:
 
 
 def _utc(time_ns: int) -> str:
-    # Whole milliseconds in integers: a float of ns since 1970 is known to a quarter of a microsecond only, and rounds.
+    # Milliseconds by integer arithmetic: a float of ns since 1970 has a resolution of a quarter of a microsecond, and rounds.
     seconds, rest_ns = divmod(time_ns, 1_000_000_000)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{rest_ns // 1_000_000:03d}"

@@ -1,4 +1,4 @@
-"""Many logs, or one long log's pairs, analysed anew on all cores or on a Dask cluster."""
+"""Analysis of many logs, or of the pairs of one long log, on all cores or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,46 +31,50 @@ _JOBS_PER_CORE = 4
 
 @dataclass(frozen=True, slots=True)
 class LogOutcome:
-    """What became of one log.
+    """Outcome of the analysis of one log.
 
     Attributes:
-        log: its path.
-        name: its group in the combined file.
-        error: why it failed, one sentence; None if it did not.
-        told: its result as `semlive replay --json` prints it; None if it failed.
-        wall_s: seconds it took.
+        log: path of the log.
+        name: group in the combined file.
+        error: reason of a failure; None without failure.
+        result: result in the form of `semlive replay --json`; None after a failure.
+        wall_s: duration of the analysis, s.
     """
 
     log: str
     name: str
     error: str | None
-    told: dict[str, Any] | None
+    result: dict[str, Any] | None
     wall_s: float
 
+    def to_json(self) -> dict[str, Any]:
+        """The outcome with the keys of ``summary.json``."""
+        return {"log": self.log, "name": self.name, "error": self.error, "told": self.result, "wall_s": self.wall_s}
+
     def row(self) -> dict[str, Any]:
-        """The log in one line of the summary; empty where it failed."""
-        told = self.told or {}
-        elastic = told.get("elastic") or {}
-        row = {"log": self.log, "name": self.name, "error": self.error or "", "pairs": told.get("pairs"), "method": told.get("method")}
+        """Row of the log in the summary; result columns are empty after a failure."""
+        result = self.result or {}
+        elastic = result.get("elastic") or {}
+        row = {"log": self.log, "name": self.name, "error": self.error or "", "pairs": result.get("pairs"), "method": result.get("method")}
         for name, short in (("youngs_modulus_gpa", "e_gpa"), ("poissons_ratio", "poisson")):
             row[short], row[short + "_sigma"] = (elastic.get(name, {}).get(part) for part in ("value", "sigma"))
-        row["noise_floor_px"] = told.get("noise_floor_px")
+        row["noise_floor_px"] = result.get("noise_floor_px")
         for axis, name in enumerate("xy"):
-            row[f"distortion_rms_{name}_px"] = told["distortion"]["rms_px"][axis] if told else None
-            row[f"drift_end_{name}_px"] = told["frames"][-1]["drift_end_px"][axis] if told else None
-        return {**row, "warnings": len(told.get("warnings", ())), "wall_s": round(self.wall_s, 3)}
+            row[f"distortion_rms_{name}_px"] = result["distortion"]["rms_px"][axis] if result else None
+            row[f"drift_end_{name}_px"] = result["frames"][-1]["drift_end_px"][axis] if result else None
+        return {**row, "warnings": len(result.get("warnings", ())), "wall_s": round(self.wall_s, 3)}
 
 
 def reanalyse(
-    asked: Sequence[ReplayRequest], out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None = None
+    requests: Sequence[ReplayRequest], out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None = None
 ) -> tuple[LogOutcome, ...]:
     """Analyse logs and write ``summary.csv``, ``summary.json`` and ``combined.h5``.
 
     Args:
-        asked: one for each log.
-        out: folder.
-        executor: context that gives somebody who works (see `process_pool` and `dask_executor`).
-        progress: told jobs done and jobs in all.
+        requests: request for each log.
+        out: output folder.
+        executor: context that provides an executor (see `process_pool` and `dask_executor`).
+        progress: called with the number of finished jobs and of all jobs.
 
     Raises:
         BadInput: `out` cannot be written.
@@ -78,12 +82,12 @@ def reanalyse(
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadInput(f"{out}: cannot be made ({error.strerror}); give a folder that can be written.") from error
-    names = _names([one.log for one in asked])
-    if len(asked) == 1 and _source(asked[0]) is Source.IMAGES:
-        done = [_one_long_log(asked[0], names[0], out, executor, progress)]
+        raise BadInput(f"{out}: cannot be created ({error.strerror}); give a writable folder.") from error
+    names = _names([request.log for request in requests])
+    if len(requests) == 1 and _source(requests[0]) is Source.IMAGES:
+        done = [_one_long_log(requests[0], names[0], out, executor, progress)]
     else:
-        done = _campaign(asked, names, out, executor, progress)
+        done = _campaign(requests, names, out, executor, progress)
     _combine(done, out)
     return tuple(done)
 
@@ -109,7 +113,7 @@ def dask_executor(address: str) -> Iterator[Executor]:
     """An existing Dask cluster, whose workers have semlive installed and see logs and output under the same paths.
 
     Raises:
-        BadInput: distributed is not installed, or nobody answers.
+        BadInput: distributed is not installed, or the scheduler does not reply.
     """
     try:
         from distributed import Client  # noqa: PLC0415
@@ -118,76 +122,78 @@ def dask_executor(address: str) -> Iterator[Executor]:
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        raise BadInput(f"--dask {address}: nobody answers there ({error}); give the scheduler's address, tcp://host:8786.") from error
+        raise BadInput(f"--dask {address}: the scheduler does not reply ({error}); give its address, tcp://host:8786.") from error
     with client:
         yield client.get_executor(pure=False)
 
 
-def analyse_log(asked: ReplayRequest, name: str, part: str) -> LogOutcome:
-    """One log, in whatever process: its fields go to a file of its own; what goes wrong is told, not raised."""
+def analyse_log(request: ReplayRequest, name: str, part: str) -> LogOutcome:
+    """Analyse one log in any process and write its fields to a separate file; a failure is returned, not raised."""
     begin = time.perf_counter()
     try:
-        done = export_log(asked, Format.HDF5, Path(part))
+        done = export_log(request, Format.HDF5, Path(part))
     except Exception as error:
-        said = str(error) if isinstance(error, SemliveError) else f"{type(error).__name__}: {error}"
-        return LogOutcome(str(asked.log), name, said, None, time.perf_counter() - begin)
-    return LogOutcome(str(asked.log), name, None, result_json(done.result, done.settings), time.perf_counter() - begin)
+        message = str(error) if isinstance(error, SemliveError) else f"{type(error).__name__}: {error}"
+        return LogOutcome(str(request.log), name, message, None, time.perf_counter() - begin)
+    return LogOutcome(str(request.log), name, None, result_json(done.result, done.settings), time.perf_counter() - begin)
 
 
 def _campaign(
-    asked: Sequence[ReplayRequest],
+    requests: Sequence[ReplayRequest],
     names: Sequence[str],
     out: Path,
     executor: Callable[[], Any],
     progress: Callable[[int, int], None] | None,
 ) -> list[LogOutcome]:
-    """All logs; one whose process dies is told as failed, and those that died with it are begun again, each on its own."""
-    jobs = {at: (one, names[at], str(_part(out, names[at]))) for at, one in enumerate(asked)}
-    found: dict[int, LogOutcome] = {}
+    """Analyse all logs; if a process dies, its log counts as failed and other logs of the broken pool are repeated one by one."""
+    jobs = {at: (request, names[at], str(_part(out, names[at]))) for at, request in enumerate(requests)}
+    outcomes: dict[int, LogOutcome] = {}
     for round_of in ([list(jobs)], [[at] for at in jobs]):
         for group in round_of:
-            left = [at for at in group if at not in found]
-            if left:
+            remaining = [at for at in group if at not in outcomes]
+            if remaining:
                 with executor() as pool:
-                    futures = {pool.submit(analyse_log, *jobs[at]): at for at in left}
+                    futures = {pool.submit(analyse_log, *jobs[at]): at for at in remaining}
                     for future in as_completed(futures):
-                        _take(future, futures[future], jobs, found, alone=len(group) == 1)
+                        _take(future, futures[future], jobs, outcomes, alone=len(group) == 1)
                         if progress is not None:
-                            progress(len(found), len(jobs))
-    return [found[at] for at in jobs]
+                            progress(len(outcomes), len(jobs))
+    return [outcomes[at] for at in jobs]
 
 
 def _take(
-    future: Future[LogOutcome], at: int, jobs: dict[int, tuple[ReplayRequest, str, str]], found: dict[int, LogOutcome], *, alone: bool
+    future: Future[LogOutcome], at: int, jobs: dict[int, tuple[ReplayRequest, str, str]], outcomes: dict[int, LogOutcome], *, alone: bool
 ) -> None:
     try:
-        found[at] = future.result()
+        outcomes[at] = future.result()
     except Exception as error:
         if alone or not isinstance(error, BrokenProcessPool):
-            asked, name, _ = jobs[at]
-            found[at] = LogOutcome(str(asked.log), name, f"its process died ({type(error).__name__}); is there memory enough?", None, 0.0)
+            request, name, _ = jobs[at]
+            outcomes[at] = LogOutcome(
+                str(request.log), name, f"its process died ({type(error).__name__}); check that the memory suffices", None, 0.0
+            )
 
 
 def _one_long_log(
-    asked: ReplayRequest, name: str, out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None
+    request: ReplayRequest, name: str, out: Path, executor: Callable[[], Any], progress: Callable[[int, int], None] | None
 ) -> LogOutcome:
-    """The pairs of one log correlated by many, then estimated here in their order."""
+    """Correlate the pairs of one log in parallel, then estimate in order of time in this process."""
     begin = time.perf_counter()
     try:
         with executor() as pool:
-            done = _correlated_by_many(asked, pool, out, name, progress)
+            done = _correlated_by_many(request, pool, out, name, progress)
     except SemliveError as error:
-        return LogOutcome(str(asked.log), name, str(error), None, time.perf_counter() - begin)
-    return LogOutcome(str(asked.log), name, None, result_json(done.result, done.settings), time.perf_counter() - begin)
+        return LogOutcome(str(request.log), name, str(error), None, time.perf_counter() - begin)
+    return LogOutcome(str(request.log), name, None, result_json(done.result, done.settings), time.perf_counter() - begin)
 
 
 def _correlated_by_many(
-    asked: ReplayRequest, pool: Executor, out: Path, name: str, progress: Callable[[int, int], None] | None
+    request: ReplayRequest, pool: Executor, out: Path, name: str, progress: Callable[[int, int], None] | None
 ) -> ReplayResult:
-    numbers = pair_numbers(asked)
+    numbers = pair_numbers(request)
     size = max(1, len(numbers) // (_JOBS_PER_CORE * (os.cpu_count() or 1)))
     parts = [numbers[at : at + size] for at in range(0, len(numbers), size)]
-    futures = [pool.submit(correlate_pairs, asked, part) for part in parts]
+    futures = [pool.submit(correlate_pairs, request, part) for part in parts]
 
     def arriving() -> Iterator[PairMaps]:
         for done, future in enumerate(futures, start=1):
@@ -196,24 +202,24 @@ def _correlated_by_many(
                 progress(done, len(futures))
 
     def replayed(_: ReplayRequest, watch: ReplayCallbacks | None) -> ReplayResult:
-        return replay_from_maps(asked, arriving(), watch)
+        return replay_from_maps(request, arriving(), watch)
 
-    return export_log(asked, Format.HDF5, _part(out, name), by=replayed)
+    return export_log(request, Format.HDF5, _part(out, name), by=replayed)
 
 
-def _source(asked: ReplayRequest) -> Source:
-    return asked.source or (Source.IMAGES if has_images(asked.log) else Source.DISPARITY)
+def _source(request: ReplayRequest) -> Source:
+    return request.source or (Source.IMAGES if has_images(request.log) else Source.DISPARITY)
 
 
 def _names(logs: Sequence[Path]) -> list[str]:
-    """Each log's name, numbered where two are alike."""
-    found: list[str] = []
+    """Name of each log, numbered where names are equal."""
+    outcomes: list[str] = []
     for log in logs:
         name, again = log.name.removesuffix(".mcap"), 2
-        while name in found:
+        while name in outcomes:
             name, again = f"{log.name.removesuffix('.mcap')}_{again}", again + 1
-        found.append(name)
-    return found
+        outcomes.append(name)
+    return outcomes
 
 
 def _part(out: Path, name: str) -> Path:
@@ -221,20 +227,20 @@ def _part(out: Path, name: str) -> Path:
 
 
 def _combine(done: Sequence[LogOutcome], out: Path) -> None:
-    rows = [one.row() for one in done]
+    rows = [outcome.row() for outcome in done]
     with (out / "summary.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    (out / "summary.json").write_text(json.dumps([asdict(one) for one in done], indent=1) + "\n", encoding="utf-8")
+    (out / "summary.json").write_text(json.dumps([outcome.to_json() for outcome in done], indent=1) + "\n", encoding="utf-8")
     whole = out / "combined.h5.part"
     with h5py.File(whole, "w") as file:
         logs, summary = file.create_group("logs"), file.create_group("summary")
-        for one in done:
-            part = _part(out, one.name)
-            if one.error is None:
+        for outcome in done:
+            part = _part(out, outcome.name)
+            if outcome.error is None:
                 with h5py.File(part) as own:
-                    group = logs.create_group(one.name)
+                    group = logs.create_group(outcome.name)
                     for name, value in own.attrs.items():
                         group.attrs[name] = value
                     for name in own:

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from semlive.data.experiment import Phase
+from semlive.data.loading import LoadSeries
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult, RunResult
-from semlive.data.series import LoadSeries
 from semlive.data.strain import StrainGageComparison
 
 X_COLOUR, Y_COLOUR, INK = "#2563eb", "#d97706", "#0f172a"
@@ -76,7 +76,7 @@ def strain_maps(frame: FrameResult, title: str) -> Figure:
 
 
 def field_maps(frame: FrameResult, title: str) -> Figure:
-    """Displacement and strain of one frame, each with its colour bar; what was not measured is left blank."""
+    """Displacement and strain of one frame, each with its colour bar; unmeasured points are blank."""
     figure = Figure(figsize=(12.0, 6.4), layout="constrained")
     moved, strain = frame.displacement, frame.strain
     grid = moved.grid
@@ -111,10 +111,10 @@ def stress_strain(result: RunResult, area_mm2: float, loading_axis: str) -> Figu
 
 
 def gage_comparison(gage: StrainGageComparison) -> Figure:
-    """DIC's axial strain over the gage's at every load step, and what is left of it beside the fitted line (Fig. 14)."""
+    """Axial strain of DIC over that of the gage at every load step, and the residual of the fitted line (Fig. 14)."""
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    by_gage, by_dic, sigma = (np.array([getattr(one, name) for one in gage.steps]) for name in ("gage_strain", "dic_strain", "dic_sigma"))
+    by_gage, by_dic, sigma = (np.array([getattr(step, name) for step in gage.steps]) for name in ("gage_strain", "dic_strain", "dic_sigma"))
     slope = gage.dic_over_gage.value
     weight = sigma**-2.0
     line = np.average(by_dic, weights=weight) + slope * (by_gage - np.average(by_gage, weights=weight))
@@ -124,7 +124,7 @@ def gage_comparison(gage: StrainGageComparison) -> Figure:
     left.set_title(f"slope = {slope:.4f} ± {gage.dic_over_gage.sigma:.4f}", fontsize=10)
     right.errorbar(by_gage * 1e3, (by_dic - line) * 1e6, sigma * 1e6, fmt="o", color=Y_COLOUR, linewidth=0.9)
     right.axhline(0.0, color=INK, linewidth=0.6)
-    right.set(xlabel="strain gage (1e-3)", ylabel="DIC less the line (1e-6)")
+    right.set(xlabel="strain gage (1e-3)", ylabel="DIC minus the line (1e-6)")
     for axes in (left, right):
         axes.grid(**GRID)
     return figure
@@ -132,7 +132,7 @@ def gage_comparison(gage: StrainGageComparison) -> Figure:
 
 def _stress_points(result: RunResult, area_mm2: float, loading_axis: str) -> NDArray[np.float64]:
     """(n, 3) stress in MPa, axial and transverse mean strain of every tension frame."""
-    frames = {one.frame: one.mean for one in result.summaries}
+    frames = {summary.frame: summary.mean for summary in result.summaries}
     rows = []
     for decision in result.decisions:
         if decision.step.phase is Phase.TENSION and decision.loads:
@@ -149,7 +149,7 @@ def _zero_ns(result: RunResult) -> int:
 
 
 def framed(width: float, height: float) -> tuple[Figure, Axes]:
-    """A figure of that size in inches with one pair of axes, as all of them look."""
+    """A figure of the given size in inches with one pair of axes in the common style."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots()
     axes.grid(**GRID)
@@ -168,7 +168,7 @@ def draw_map(
     *,
     robust: bool,
 ) -> None:
-    """A field over the image, y down, blank where it is not valid; `robust` leaves the outermost percents out of the colours."""
+    """A field over the image, y down, blank where it is not valid; `robust` excludes the outermost percents from the colour scale."""
     shown = np.ma.masked_array(values, ~valid)
     inside = values[valid]
     low, high = (0.0, 1.0) if inside.size == 0 else (np.percentile(inside, (1, 99)) if robust else (inside.min(), inside.max()))

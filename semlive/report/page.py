@@ -13,8 +13,8 @@ import yaml
 from matplotlib.figure import Figure
 
 from semlive.data.grid import Grid
+from semlive.data.loading import LoadSeries
 from semlive.data.results import RunResult
-from semlive.data.series import LoadSeries
 from semlive.data.settings import MEASURES, AnalysisSettings
 from semlive.report import figures
 from semlive.report.alarms import alarms_html
@@ -37,7 +37,7 @@ h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.1rem; margin-top: 
 img { max-width: 100%; border-radius: .5rem; } table { border-collapse: collapse; font-variant-numeric: tabular-nums; width: 100%; }
 th, td { text-align: right; padding: .2rem .6rem; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
-.scroll { overflow-x: auto; } .words th, .words td { text-align: left; vertical-align: top; }
+.scroll { overflow-x: auto; } .text th, .text td { text-align: left; vertical-align: top; }
 pre { overflow-x: auto; font-size: .85rem; } details { margin: .6rem 0; }
 """
 
@@ -50,15 +50,15 @@ def report_html(
     facts: LogFacts | None = None,
     progress: Callable[[int, int], object] = lambda *_: None,
 ) -> str:
-    """A whole run as one HTML page that needs no other file and no network.
+    """The report of a run as one self-contained HTML page.
 
     Args:
         name: the run's name.
         result: every frame corrected with the newest estimate.
         series: load as sampled, or None without a load frame.
-        settings: what the run was analysed with.
-        facts: what the log tells besides; None leaves refused frames, configuration and versions out.
-        progress: told how many figures of how many are drawn.
+        settings: settings of the analysis.
+        facts: further facts of the log; None omits rejected frames, configuration and versions.
+        progress: called with the number of drawn figures and of all figures.
     """
     facts = facts or LogFacts()
     body = [f"<h1>{html.escape(name)}</h1>", f'<p class="soft">{html.escape(settings.specimen.name)}</p>', _key_figures(result)]
@@ -90,12 +90,12 @@ def report_html(
 
 
 def unanalysed_html(name: str, why: str, facts: LogFacts) -> str:
-    """What is known of a run without results: alarms, refused frames, configuration, versions.
+    """The report of a run without results: alarms, rejected frames, configuration and versions.
 
     Args:
         name: the run's name.
-        why: one sentence on why there are no results.
-        facts: what the log tells besides.
+        why: reason for missing results, one sentence.
+        facts: further facts of the log.
     """
     body = [
         f"<h1>{html.escape(name)}</h1>",
@@ -120,7 +120,7 @@ def _whole(name: str, body: Sequence[str]) -> str:
 
 
 def image(figure: Figure, title: str) -> str:
-    """The figure within the page itself."""
+    """A figure embedded in the page."""
     data = base64.b64encode(figures.png(figure)).decode("ascii")
     return f'<img alt="{html.escape(title)}" src="data:image/png;base64,{data}">'
 
@@ -162,7 +162,7 @@ def _notes(result: RunResult) -> str:
 
 
 def settings_html(settings: AnalysisSettings, grid: Grid) -> str:
-    """What strain was measured with, in a sentence."""
+    """Settings of subset, grid and virtual strain gauge."""
     gauge = settings.estimate.window_points
     subset = f"Subset {grid.subset_px} px, step" if grid.subset_px else "Maps of another engine, step"
     return (
@@ -172,20 +172,20 @@ def settings_html(settings: AnalysisSettings, grid: Grid) -> str:
 
 
 def refused_html(facts: LogFacts) -> str:
-    """How many for each reason, and each of them on demand: a microscope that scans all the time has most of its frames refused."""
+    """Number of rejected files by reason, with an expandable list; with continuous scanning most frames are not part of a pair."""
     if not facts.refused:
-        return f"<p>None of {facts.files} files.</p>" if facts.files else "<p>The log tells of none.</p>"
-    count = Counter(_REASON_NUMBERS.sub("#", one.reason.removeprefix(one.name).strip()) for one in facts.refused)
-    said = f"<p>{len(facts.refused)} of {facts.files} files were not used.</p>"
+        return f"<p>None of {facts.files} files.</p>" if facts.files else "<p>The log contains none.</p>"
+    count = Counter(_REASON_NUMBERS.sub("#", file.reason.removeprefix(file.name).strip()) for file in facts.refused)
+    text = f"<p>{len(facts.refused)} of {facts.files} files were not used.</p>"
     reasons = _table(("reason", "files"), [(reason, str(times)) for reason, times in count.most_common()])
-    rows = [("" if one.export is None else str(one.export), one.name, one.reason) for one in facts.refused]
-    return f"{said}{reasons}<details><summary>each of them</summary>{_table(('export', 'file', 'reason'), rows)}</details>"
+    rows = [("" if file.export is None else str(file.export), file.name, file.reason) for file in facts.refused]
+    return f"{text}{reasons}<details><summary>each of them</summary>{_table(('export', 'file', 'reason'), rows)}</details>"
 
 
 def _all_settings(settings: AnalysisSettings, facts: LogFacts) -> str:
     rows = [(key, str(value)) for key, value in as_keys(settings).items()]
-    found = f"<details><summary>every setting of the analysis</summary>{_table(('key', 'value'), rows)}</details>"
-    return found + _configuration(facts)
+    details = f"<details><summary>every setting of the analysis</summary>{_table(('key', 'value'), rows)}</details>"
+    return details + _configuration(facts)
 
 
 def _configuration(facts: LogFacts) -> str:
@@ -197,13 +197,13 @@ def _configuration(facts: LogFacts) -> str:
 
 def _versions(facts: LogFacts) -> str:
     rows = [("report made by semlive", version("semlive"))]
-    rows += [(f"run made by {name}" if name == "semlive" else name, told) for name, told in (facts.versions or {}).items()]
+    rows += [(f"run made by {name}" if name == "semlive" else name, number) for name, number in (facts.versions or {}).items()]
     rows += [("computer", facts.host)] if facts.host else []
-    rows += [("begun or taken up again", f"{facts.segments} times")] if facts.segments > 1 else []
+    rows += [("started or resumed", f"{facts.segments} times")] if facts.segments > 1 else []
     return _table(("what", "is"), rows)
 
 
 def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{html.escape(one)}</th>" for one in headings)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(one)}</td>" for one in row) + "</tr>" for row in rows)
+    head = "".join(f"<th>{html.escape(heading)}</th>" for heading in headings)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f'<div class="scroll"><table><tr>{head}</tr>{body}</table></div>'

@@ -1,4 +1,4 @@
-"""The figures of Sutton et al. (2007), part II, for a run: what they showed of theirs, with what is known here in place of the truth."""
+"""The figures of Sutton et al. (2007), part II, for a run, with measured quantities in place of the simulated truth."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from semlive.data.displacement import Displacement
 from semlive.data.experiment import Phase
 from semlive.data.results import RunResult
-from semlive.data.strain import StrainSummary
+from semlive.data.strain import Displacement, StrainSummary
 from semlive.mechanics import false_strain
 from semlive.report.figures import GRID, INK, X_COLOUR, Y_COLOUR, draw_map, framed
 
 _SHEAR_COLOUR = "#059669"
 _COMPONENTS = (("exx", X_COLOUR, "o"), ("eyy", Y_COLOUR, "s"), ("exy", _SHEAR_COLOUR, "^"))
 SMOOTHED_POINTS = 21
-"""Edge of the mean that Fig. 7 is shown through: frame 0's own noise (0.017 px a point in the simulated run) is common to all frames."""
+"""Edge of the averaging window of Fig. 7: the noise of frame 0 (0.017 px per point in the simulated run) is common to all frames."""
 TRANSLATED_PX = 5.0
-"""By how much Fig. 16 translates."""
+"""Translation in Fig. 16."""
 Field = NDArray[np.float64]
 
 
@@ -42,9 +41,9 @@ def drift_within_frames(result: RunResult) -> Figure:
 
 
 def pair_residual(result: RunResult) -> Figure | None:
-    """Fig. 6: what correction leaves between the two frames of the middle pair, where nothing moved; None without kept fields."""
-    frames = {one.summary.frame: one.displacement for one in result.frames}
-    pairs = [one.pair for one in result.decisions if 2 * one.pair in frames and 2 * one.pair + 1 in frames]
+    """Fig. 6: residual between the two frames of the middle pair after correction; None without stored fields."""
+    frames = {frame.summary.frame: frame.displacement for frame in result.frames}
+    pairs = [decision.pair for decision in result.decisions if 2 * decision.pair in frames and 2 * decision.pair + 1 in frames]
     if not pairs:
         return None
     pair = pairs[len(pairs) // 2]
@@ -63,21 +62,23 @@ def pair_residual(result: RunResult) -> Figure | None:
         )
     for values, colour in zip(both, (X_COLOUR, Y_COLOUR), strict=True):
         right.hist(values, bins=80, histtype="step", color=colour)
-    told = (f"{name}: sd {np.std(values):.4f}, mean {np.mean(values):+.4f}" for name, values in zip("uv", both, strict=True))
-    right.set_title("\n".join(told), fontsize=8)
-    right.set(xlabel="left over (px); blue u, amber v", yticks=[])
+    labels = (f"{name}: sd {np.std(values):.4f}, mean {np.mean(values):+.4f}" for name, values in zip("uv", both, strict=True))
+    right.set_title("\n".join(labels), fontsize=8)
+    right.set(xlabel="residual (px); blue u, amber v", yticks=[])
     right.locator_params(axis="x", nbins=4)
     return figure
 
 
 def distortion_residual(result: RunResult) -> Figure | None:
-    """Fig. 7: what the unloaded frames have in common after correction, rigid motion and mean strain taken out; distortion not told."""
-    phases = {one.pair: one.step.phase for one in result.decisions}
-    moved = [one.displacement for one in result.frames if phases[one.summary.frame // 2] is not Phase.TENSION and one.summary.frame > 1]
+    """Fig. 7: mean residual of the unloaded frames after correction, without rigid motion and mean strain: uncorrected distortion."""
+    phases = {decision.pair: decision.step.phase for decision in result.decisions}
+    moved = [
+        frame.displacement for frame in result.frames if phases[frame.summary.frame // 2] is not Phase.TENSION and frame.summary.frame > 1
+    ]
     if len(moved) < 2:
         return None
     grid = moved[0].grid
-    count = np.sum([one.valid for one in moved], axis=0)
+    count = np.sum([field.valid for field in moved], axis=0)
     valid = count >= max(2, len(moved) // 2)
     if valid.sum() < 6:
         return None
@@ -85,64 +86,64 @@ def distortion_residual(result: RunResult) -> Figure | None:
     left, middle, right = figure.subplots(1, 3)
     sizes = []
     for axes, name in ((left, "u_px"), (middle, "v_px")):
-        total = sum((_without_plane(one, name) for one in moved), np.zeros(grid.shape))
+        total = sum((_without_plane(field, name) for field in moved), np.zeros(grid.shape))
         common = _smoothed(total, count.astype(np.float64))
         sizes.append(float(np.sqrt(np.mean(common[valid] ** 2))))
-        draw_map(figure, axes, grid.x_px, grid.y_px, common, valid, f"left along {'x' if name[0] == 'u' else 'y'} (px)", robust=True)
+        draw_map(figure, axes, grid.x_px, grid.y_px, common, valid, f"residual along {'x' if name[0] == 'u' else 'y'} (px)", robust=True)
     sigma = result.estimate.distortion
     draw_map(figure, right, sigma.grid.x_px, sigma.grid.y_px, sigma.sigma_px, sigma.valid, "stated sigma (px)", robust=False)
     over_px = SMOOTHED_POINTS * grid.step_px
-    said = f"{len(moved)} frames, mean over {over_px} px: rms {sizes[0]:.4f} px along x, {sizes[1]:.4f} px along y"
-    figure.suptitle(said, fontsize=9)
+    label = f"{len(moved)} frames, mean over {over_px} px: rms {sizes[0]:.4f} px along x, {sizes[1]:.4f} px along y"
+    figure.suptitle(label, fontsize=9)
     return figure
 
 
 def drift_over_field(result: RunResult) -> Figure:
-    """Fig. 10: drift since the first row over the field of the middle frame: what one image is bent by."""
+    """Fig. 10: drift since the first row over the field of the middle frame."""
     drift = result.estimate.drift
     numbers = np.unique(drift.frame)
     number = int(numbers[len(numbers) // 2])
     rows = drift.frame == number
-    decision = next(one for one in result.decisions if one.pair == number // 2)
+    decision = next(decision for decision in result.decisions if decision.pair == number // 2)
     info = decision.second if number % 2 else decision.first
     grid = result.estimate.distortion.grid
     x, y = grid.mesh()
-    # Samples of the estimate lie at times in the frame; a frame-integrated scan's mean visit is later by a constant.
+    # The samples of the estimate have times in the frame; the mean scan time of integrated scans is later by a constant.
     time_s = info.timing.time_in_frame_s(x, y)
-    known_s = drift.time_s[rows] - drift.time_s[rows][0] + float(info.timing.time_in_frame_s(0.0, 0.0))
+    in_frame_s = drift.time_s[rows] - drift.time_s[rows][0] + float(info.timing.time_in_frame_s(0.0, 0.0))
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     everywhere = np.ones(grid.shape, dtype=np.bool_)
     for axes, axis in zip(figure.subplots(1, 2), (0, 1), strict=True):
-        values = np.interp(time_s, known_s, drift.drift_px[rows, axis] - drift.drift_px[rows, axis][0])
+        values = np.interp(time_s, in_frame_s, drift.drift_px[rows, axis] - drift.drift_px[rows, axis][0])
         draw_map(figure, axes, grid.x_px, grid.y_px, values, everywhere, f"drift {'xy'[axis]} (px)", robust=False)
     figure.suptitle(f"frame {number}, {drift.time_s[rows][0] / 60:.0f} min after the run began", fontsize=9)
     return figure
 
 
 def unloaded_strain(result: RunResult) -> Figure | None:
-    """Fig. 12: mean and scatter of strain in the unloaded frames, where both should be nothing."""
-    phases = {one.pair: one.step.phase for one in result.decisions}
-    shown = [one for one in result.summaries if one.frame > 0 and phases[one.frame // 2] is not Phase.TENSION]
-    return _strain_bars([float(one.frame) for one in shown], shown, "frame") if shown else None
+    """Fig. 12: mean and scatter of strain in the unloaded frames, where the true strain is zero."""
+    phases = {decision.pair: decision.step.phase for decision in result.decisions}
+    shown = [summary for summary in result.summaries if summary.frame > 0 and phases[summary.frame // 2] is not Phase.TENSION]
+    return _strain_bars([float(summary.frame) for summary in shown], shown, "frame") if shown else None
 
 
 def loaded_strain(result: RunResult, area_mm2: float | None) -> Figure | None:
     """Fig. 13: mean and scatter of strain in the frames under load, over stress where the cross-section is known."""
     loads = {
-        2 * one.pair + member: one.loads[member].mean_n
-        for one in result.decisions
-        if one.step.phase is Phase.TENSION and one.loads is not None
+        2 * decision.pair + member: decision.loads[member].mean_n
+        for decision in result.decisions
+        if decision.step.phase is Phase.TENSION and decision.loads is not None
         for member in (0, 1)
     }
-    shown = [one for one in result.summaries if one.frame in loads]
+    shown = [summary for summary in result.summaries if summary.frame in loads]
     if not shown:
         return None
     scale, label = (1.0, "load (N)") if area_mm2 is None else (1.0 / area_mm2, "stress (MPa)")
-    return _strain_bars([loads[one.frame] * scale for one in shown], shown, label)
+    return _strain_bars([loads[summary.frame] * scale for summary in shown], shown, label)
 
 
 def constants(result: RunResult) -> Figure | None:
-    """Fig. 14: both elastic constants with two standard uncertainties, by DIC and, where there is one, by the strain gage."""
+    """Fig. 14: both elastic constants with two standard uncertainties, by DIC and, if present, by the strain gage."""
     if result.elastic is None:
         return None
     figure = Figure(figsize=(7.0, 2.6), layout="constrained")
@@ -151,11 +152,16 @@ def constants(result: RunResult) -> Figure | None:
         columns.append(("strain gage", result.gage.youngs_modulus_gpa, result.gage.poissons_ratio))
     for axes, place, title in zip(figure.subplots(1, 2), (1, 2), ("Young's modulus (GPa)", "Poisson's ratio"), strict=True):
         for at, row in enumerate(columns):
-            one = row[place]
-            assert not isinstance(one, str)  # the name stands first
-            axes.errorbar(one.value, at, xerr=2 * one.sigma, fmt="o", color=(Y_COLOUR, X_COLOUR)[at], capsize=4)
+            constant = row[place]
+            assert not isinstance(constant, str)  # the name is the first item
+            axes.errorbar(constant.value, at, xerr=2 * constant.sigma, fmt="o", color=(Y_COLOUR, X_COLOUR)[at], capsize=4)
             axes.annotate(
-                f"{one.value:.4g} ± {one.sigma:.2g}", (one.value, at), xytext=(0, 8), textcoords="offset points", ha="center", fontsize=8
+                f"{constant.value:.4g} ± {constant.sigma:.2g}",
+                (constant.value, at),
+                xytext=(0, 8),
+                textcoords="offset points",
+                ha="center",
+                fontsize=8,
             )
         axes.set_yticks(range(len(columns)), [row[0] for row in columns])
         axes.set_ylim(-0.6, len(columns) - 0.2)
@@ -166,31 +172,31 @@ def constants(result: RunResult) -> Figure | None:
 
 
 def translation_path(result: RunResult) -> Figure | None:
-    """Fig. 15: where the specimen was commanded to be in the unloaded pairs, and where it was."""
-    steps = {one.pair: one.step for one in result.decisions if one.step.phase is not Phase.TENSION}
-    motions = [one for one in result.estimate.motions if one.pair in steps]
+    """Fig. 15: commanded and measured position of the specimen in the unloaded pairs."""
+    steps = {decision.pair: decision.step for decision in result.decisions if decision.step.phase is not Phase.TENSION}
+    motions = [motion for motion in result.estimate.motions if motion.pair in steps]
     if len(motions) < 2:
         return None
     figure, axes = framed(5.2, 4.6)
-    # The first pair is the origin of both: what came before it nobody measured.
+    # The first pair is the origin of both paths.
     zero = np.array(steps[motions[0].pair].shift_px)
-    asked = np.array([steps[one.pair].shift_px for one in motions]) - zero
-    found, sigma = np.array([one.shift_px for one in motions]), np.array([one.shift_sigma_px for one in motions])
-    axes.plot(*asked.T, "s--", color="#94a3b8", linewidth=0.8, markersize=6, markerfacecolor="none", label="commanded")
+    commanded = np.array([steps[motion.pair].shift_px for motion in motions]) - zero
+    measured, sigma = np.array([motion.shift_px for motion in motions]), np.array([motion.shift_sigma_px for motion in motions])
+    axes.plot(*commanded.T, "s--", color="#94a3b8", linewidth=0.8, markersize=6, markerfacecolor="none", label="commanded")
     axes.errorbar(
-        *found.T, xerr=2 * sigma[:, 0], yerr=2 * sigma[:, 1], fmt="o-", color=X_COLOUR, linewidth=0.9, markersize=3.5, label="measured"
+        *measured.T, xerr=2 * sigma[:, 0], yerr=2 * sigma[:, 1], fmt="o-", color=X_COLOUR, linewidth=0.9, markersize=3.5, label="measured"
     )
     axes.set(xlabel="x (px)", ylabel="y (px)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
-    off = np.hypot(*(found - asked).T)
-    axes.set_title(f"{off.max():.2f} px apart at most", fontsize=9)
+    off = np.hypot(*(measured - commanded).T)
+    axes.set_title(f"{off.max():.2f} px largest distance", fontsize=9)
     axes.legend(frameon=False)
     return figure
 
 
 def false_strain_figure(result: RunResult, window_points: int) -> Figure | None:
-    """Fig. 16: the strain that translations of 5 px along x and along y would feign, were this distortion not corrected."""
+    """Fig. 16: false strain by translations of 5 px along x and along y without correction of the distortion."""
     distortion = result.estimate.distortion
     if min(distortion.grid.shape) < 7 or not distortion.valid.any():
         return None
@@ -211,7 +217,7 @@ def _strain_bars(over: Sequence[float], summaries: Sequence[StrainSummary], labe
     highest = 0.0
     for name, colour, marker in _COMPONENTS:
         mean, sigma, sd = (
-            1e6 * np.array([getattr(getattr(one, part), name) for one in summaries]) for part in ("mean", "mean_sigma", "sd")
+            1e6 * np.array([getattr(getattr(summary, part), name) for summary in summaries]) for part in ("mean", "mean_sigma", "sd")
         )
         above.errorbar(over, mean, 2 * sigma, fmt=marker, color=colour, markersize=4, linewidth=0.9, label=name)
         below.plot(over, sd, marker, color=colour, markersize=4)
@@ -228,7 +234,7 @@ def _strain_bars(over: Sequence[float], summaries: Sequence[StrainSummary], labe
 
 
 def _without_plane(moved: Displacement, name: str) -> Field:
-    """One component, its best plane taken out; zero where nothing was measured."""
+    """One displacement component minus its best-fit plane; zero at unmeasured points."""
     values = getattr(moved, name)
     x, y = moved.grid.mesh()
     plane = np.stack((np.ones(moved.grid.shape), x - x.mean(), y - y.mean()), axis=-1)
@@ -239,7 +245,7 @@ def _without_plane(moved: Displacement, name: str) -> Field:
 
 
 def _smoothed(total: Field, count: Field) -> Field:
-    """Mean over a square of points; those that were not measured count for nothing."""
+    """Mean over a square of points, over measured points only."""
     size = min(SMOOTHED_POINTS, *total.shape)
     weight = np.asarray(ndimage.uniform_filter(count, size, mode="constant"))
     return np.asarray(ndimage.uniform_filter(total, size, mode="constant")) / np.maximum(weight, 1e-9)
@@ -247,9 +253,9 @@ def _smoothed(total: Field, count: Field) -> Field:
 
 def _pair_of_axes(figure: Figure) -> Sequence[Axes]:
     axes = figure.subplots(1, 2)
-    for one in axes:
-        one.grid(**GRID)
-        one.spines[["top", "right"]].set_visible(False)
+    for single in axes:
+        single.grid(**GRID)
+        single.spines[["top", "right"]].set_visible(False)
     return list(axes)
 
 

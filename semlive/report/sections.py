@@ -1,4 +1,4 @@
-"""All figures of a report, in order, each with its name and what it shows."""
+"""All figures of a report in order, with titles and captions."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from semlive.data.loading import LoadSeries
 from semlive.data.results import RunResult
-from semlive.data.series import LoadSeries
 from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadInput
 from semlive.report import figures, paper_figures
 
 COLUMN_INCH = 7.0
-"""178 mm, both columns of a journal's page."""
+"""178 mm, the width of a journal page with two columns."""
 _PUBLICATION: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8,
@@ -30,12 +30,12 @@ _DPI = 300
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
-    """A figure with its words.
+    """A figure with its title and caption.
 
     Attributes:
-        key: for file names.
+        key: key for file names.
         title: heading.
-        caption: what it shows; the paper's figure that it corresponds to.
+        caption: caption, with the corresponding figure of Sutton et al. (2007).
         figure: the figure.
     """
 
@@ -49,19 +49,19 @@ _TEXTS = {
     "load": ("Load", "Load as sampled; accepted frames are shaded."),
     "fig01-drift-in-frames": ("Drift within frames", "As Fig. 1."),
     "fig05-drift": ("Drift", "As Fig. 5, with the band of two standard uncertainties in place of the input."),
-    "fig06-pair": ("What is left in a pair", "As Fig. 6: nothing moved between the two frames."),
+    "fig06-pair": ("Residual in a pair", "As Fig. 6: no motion between the two frames."),
     "fig07-left": (
-        "Distortion not told",
-        "As Fig. 7: what all unloaded frames have in common after correction, their mean strain taken out.",
+        "Uncorrected distortion",
+        "As Fig. 7: mean residual of all unloaded frames after correction, mean strain subtracted.",
     ),
     "fig10-drift-field": ("Drift over a field", "As Fig. 10."),
-    "fig11-distortion": ("Distortion", "As Fig. 11; its best affine map cannot be known and is taken out."),
+    "fig11-distortion": ("Distortion", "As Fig. 11; the best affine map is not observable and is removed."),
     "fig12-unloaded": ("Strain without load", "As Fig. 12: should be zero within the bars."),
     "fig13-loaded": ("Strain under load", "As Fig. 13."),
     "strain-maps": ("Strain maps", "The last frame."),
     "stress-strain": ("Stress and strain", "Means over the field."),
     "fig14-constants": ("Elastic constants", "As Fig. 14; bars are two standard uncertainties."),
-    "gage": ("Strain gage", "DIC beside the gage."),
+    "gage": ("Strain gage", "Comparison of DIC with the gage."),
     "fig15-path": ("Translation path", "As Fig. 15."),
     "fig16-false-strain": ("False strain", "As Fig. 16: without correction, for 5 px."),
 }
@@ -69,12 +69,12 @@ _TEXTS = {
 
 
 def sections(result: RunResult, series: LoadSeries | None, settings: AnalysisSettings) -> Iterator[Section]:
-    """Those figures that this run has data for.
+    """Figures for which the run has data.
 
     Args:
         result: every frame corrected with the newest estimate.
         series: load as sampled, or None without a load frame.
-        settings: what the run was analysed with.
+        settings: settings of the analysis.
     """
     area_mm2, axis, window = settings.specimen.area_mm2, settings.specimen.loading_axis, settings.estimate.window_points
     loaded = series is not None and series.time_ns.size > 0
@@ -115,7 +115,7 @@ def write_figures(
     settings: AnalysisSettings,
     progress: Callable[[int, int], object] = lambda *_: None,
 ) -> list[Path]:
-    """Every figure as PNG (300 dpi) and PDF, as wide as a journal's page, letters as text; `progress` is told how many of how many.
+    """Write every figure as PNG (300 dpi) and PDF with the width of a journal page and embedded text.
 
     Raises:
         BadInput: the folder cannot be written.
@@ -130,7 +130,7 @@ def write_figures(
 
 
 def write_section(folder: Path, section: Section) -> list[Path]:
-    """One figure as PNG and PDF.
+    """Write one figure as PNG and PDF.
 
     Raises:
         BadInput: the folder cannot be written.
@@ -145,5 +145,5 @@ def write_section(folder: Path, section: Section) -> list[Path]:
             section.figure.savefig(path, dpi=_DPI, facecolor="white")
             written.append(path)
     except OSError as error:
-        raise BadInput(f"{folder}: cannot be written ({error.strerror or error}); give a folder that can") from error
+        raise BadInput(f"{folder}: cannot be written ({error.strerror or error}); give a writable folder") from error
     return written

@@ -1,4 +1,4 @@
-"""Where the uncertainty of a run's results comes from."""
+"""Uncertainty budget of a run."""
 
 from __future__ import annotations
 
@@ -8,30 +8,34 @@ from semlive.data.results import RunResult
 from semlive.data.settings import AnalysisSettings
 
 Row = tuple[str, str, str]
-"""What, its standard uncertainty, where that is from."""
+"""Quantity, its standard uncertainty, and the source of the uncertainty."""
 
 
 def uncertainty_budget(result: RunResult, settings: AnalysisSettings) -> list[Row]:
-    """Parts of the uncertainty, from a single point to the elastic constants.
+    """Components of the uncertainty, from a single point to the elastic constants.
 
     Args:
-        result: of the run.
-        settings: what it was analysed with.
+        result: result of the run.
+        settings: settings of the analysis.
     """
     estimate, last = result.estimate, result.summaries[-1]
-    rows: list[Row] = [("displacement, one point", f"{estimate.noise_floor_px:.4f} px", "what the model leaves of the disparity, robust")]
+    rows: list[Row] = [("displacement, one point", f"{estimate.noise_floor_px:.4f} px", "robust residual of the disparity")]
     valid = estimate.distortion.valid
     if valid.any():
         rms = float(np.sqrt(np.mean(estimate.distortion.sigma_px[valid] ** 2)))
-        rows.append(("distortion", f"{rms:.4f} px", "rms over the field; calibration's noise and drift"))
+        rows.append(("distortion", f"{rms:.4f} px", "rms over the field; noise and drift of the calibration"))
     rows.append(
-        ("drift within a frame", f"{float(np.sqrt(np.mean(estimate.drift.sigma_px**2))):.4f} px", "rms, relative to its frame's middle")
+        (
+            "drift within a frame",
+            f"{float(np.sqrt(np.mean(estimate.drift.sigma_px**2))):.4f} px",
+            "rms, relative to the middle of the frame",
+        )
     )
     if estimate.motions:
-        shift = max(float(np.max(one.shift_sigma_px)) for one in estimate.motions)
-        rows.append(("motion of the specimen", f"{shift:.4f} px", "the worst pair; drift across the motion included"))
-    starts = [info.start_sigma_s for one in result.decisions for info in (one.first, one.second)]
-    rows.append(("start of a scan", f"{max(starts):.3g} s", "the worst frame; carried into mean strain"))
+        shift = max(float(np.max(motion.shift_sigma_px)) for motion in estimate.motions)
+        rows.append(("motion of the specimen", f"{shift:.4f} px", "the worst pair; includes drift during the motion"))
+    starts = [info.start_sigma_s for decision in result.decisions for info in (decision.first, decision.second)]
+    rows.append(("start of a scan", f"{max(starts):.3g} s", "the worst frame; included in mean strain"))
     for name in ("exx", "eyy", "exy"):
         whole = getattr(last.mean_sigma, name)
         added = 0.0 if last.systematic_sigma is None else getattr(last.systematic_sigma, name)
@@ -44,7 +48,7 @@ def uncertainty_budget(result: RunResult, settings: AnalysisSettings) -> list[Ro
             (
                 f"strain of one gauge, {last.vsg_px:.0f} px",
                 f"{1e6 * gauge:.0f} · 10⁻⁶",
-                "noise of the points in it, overlap of subsets counted",
+                "noise of its points, including the overlap of subsets",
             )
         )
     if result.elastic is not None:
@@ -61,5 +65,5 @@ def uncertainty_budget(result: RunResult, settings: AnalysisSettings) -> list[Ro
     if result.gage is not None:
         factor = 100 * settings.specimen.gage_factor_sigma
         rows.append(("DIC over gage", f"{result.gage.dic_over_gage.sigma:.4f}", f"strain, and {factor:.2g} % of the gage's factor"))
-    rows.append(("magnification", "not included", "unknown translations do not tell it; a calibrated pixel size is yours to bring"))
+    rows.append(("magnification", "not included", "unknown translations do not determine it; use a calibrated pixel size"))
     return rows

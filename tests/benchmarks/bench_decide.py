@@ -100,7 +100,7 @@ class Hidden:
             "named": None if found.effect is None else found.effect.name,
             "ambiguous": list(found.ambiguous),
             "evidence": dict(found.evidence[:4]),
-            "apart": found.apart,
+            "apart": found.separate_log_odds,
             "parameters": told,
             "cpu_s": took_s,
             "all_s": time.process_time() - begin,

@@ -64,7 +64,7 @@ def least_px(bare: HyperparameterGrid, name: str, moved: np.ndarray) -> float:  
     observation = bare.design.observation
     told = residual_gram(bare, moved[..., None])[0, 0]
     family = effect_class(name)
-    laws = [law for values in family.grid(observation.geometry) if (law := family.law(observation.geometry, values)) is not None]
+    laws = [law for values in family.grid(observation.geometry) if (law := family.basis_field(observation.geometry, values)) is not None]
     amplitudes = laws[0].field_px.shape[-1]
     limit = chi2.isf(FALSE / (FAMILIES * len(laws)), amplitudes)
     needed = brentq(lambda squares: ncx2.sf(limit, amplitudes, squares) - POWER, 1.0, 1000.0)

@@ -31,11 +31,11 @@ from blind.hiding import DETECTABLE_PX
 from blind.observing import observed
 from blind.scoring import Verdict, table
 
-from semlive.data.diagnosis import Diagnosis
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.baseline.model_effects import add_model_effects
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import Observation
-from semlive.diagnose.maps.cross_validation import explained_fraction_known
+from semlive.diagnose.maps.cross_validation import explained_fraction_of_truth
 from semlive.diagnose.maps.relinearise import choose_coupling
 from semlive.diagnose.maps.verdict import diagnose
 from semlive.model.effects import EFFECT_CLASSES, EffectClass
@@ -123,7 +123,7 @@ def closure(case: Case, seen: Observation, found: Diagnosis) -> float | None:
     laws = [one.model_effect for one in found.effects]
     bare = add_model_effects(noise_scaled_baseline(choose_coupling(seen, (), laws).observation), ())[0]
     having = add_model_effects(bare, laws)[0]
-    return explained_fraction_known(bare, having, alone.disparity_px, 0)
+    return explained_fraction_of_truth(bare, having, alone.disparity_px, 0)
 
 
 @lru_cache(maxsize=1)

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "dic"))
 from speckle import expose
 
 from semlive import dic
-from semlive.data.diagnosis import IntensityDiagnosis
+from semlive.data.diagnosis.channels import IntensityDiagnosis
 from semlive.data.settings import DicSettings
 from semlive.diagnose.intensity.frames import IntensityFrames, intensity_frame, intensity_reference, pair_noise
 from semlive.diagnose.intensity.verdict import diagnose_intensity
@@ -114,7 +114,7 @@ def said(found: IntensityDiagnosis) -> str:
         told = ", ".join(f"{item.name} {item.value:.4g} +- {item.sigma:.2g}" for item in one.parameters)
         effects.append(f"{one.name} ({told}; logarithm of the Bayes factor {one.log_bayes_factor:.0f})")
     dark, slope = found.noise
-    return f"{found.outcome.value} {'; '.join(effects)} {found.left} [noise {dark.value:.1f} + {slope.value:.3f} I]"
+    return f"{found.outcome.value} {'; '.join(effects)} {found.unexplained} [noise {dark.value:.1f} + {slope.value:.3f} I]"
 
 
 def nulls(pairs: int, size_px: tuple[int, int], count: int) -> Iterator[tuple[str, IntensityDiagnosis]]:

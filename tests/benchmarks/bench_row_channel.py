@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "dic"))
 from speckle import expose
 
 from semlive import dic
-from semlive.data.diagnosis import RowDiagnosis
+from semlive.data.diagnosis.channels import RowDiagnosis
 from semlive.data.settings import DicSettings
 from semlive.diagnose.rows.series import RowSeries, row_series
 from semlive.diagnose.rows.verdict import diagnose_rows

@@ -25,7 +25,7 @@ from blind.experiment import Conditions
 from blind.hiding import DETECTABLE_PX, hidden_effect
 from blind.observing import observed
 
-from semlive.data.diagnosis import Diagnosis
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.noise_scale import modes, noise_scaled_baseline

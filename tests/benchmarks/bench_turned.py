@@ -30,7 +30,7 @@ from numexp.world import HEIGHT_PX, SCAN, WIDTH_PX
 
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
-from semlive.diagnose.experiments.protocols import REACH_PX, square_px
+from semlive.diagnose.experiments.protocols import SQUARE_HALF_WIDTH_PX, square_px
 from semlive.diagnose.two_runs.decide import compare_runs
 from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
 from semlive_simulators.effects.interfaces import Effect
@@ -40,7 +40,7 @@ from semlive_simulators.effects.stage_backlash import StageBacklash
 
 SEEN = Grid(200, 200, 24, 26, 21, 43)
 """What moves of 150 px and 20 px of drift leave in view."""
-MOVES_PX = tuple((x, y) for x, y in square_px(REACH_PX))
+MOVES_PX = tuple((x, y) for x, y in square_px(SQUARE_HALF_WIDTH_PX))
 BACKLASH = StageBacklash(0.4)
 FIRST_SEED, AGAIN, STAGE_PX, TURN_RAD = 60_001, 500_000, 0.3, 0.005
 PIXEL, SKEW, RAMPS = "anisotropic_pixel", "scan_nonorthogonality", "scan_nonlinearity"
@@ -162,7 +162,7 @@ class Hidden:
             "outcome": found.outcome.value,
             "named": [one.name for one in found.effects],
             "evidence": dict(found.evidence),
-            "apart": found.apart,
+            "apart": found.separate_log_odds,
             "follows": axes.follows,
             "turn_off_rad": [axes.angle_rad.value - self.conditions()[1].scan.rotation_rad, axes.angle_rad.sigma],
             "x_excess": [axes.x_excess.value, axes.x_excess.sigma, e],

@@ -206,7 +206,7 @@ def test_every_room_is_pure_or_known_to_be_shell() -> None:
 
 
 def test_nouns_are_frozen_and_slotted() -> None:
-    modules = [importlib.import_module(m.name) for m in pkgutil.iter_modules(semlive.data.__path__, "semlive.data.")]
+    modules = [importlib.import_module(m.name) for m in pkgutil.walk_packages(semlive.data.__path__, "semlive.data.")]
     nouns = {
         item
         for module in modules

@@ -50,7 +50,6 @@ ALLOWED = (
     "whole numbers",
     "whole scans",
     "whole seconds",
-    "What is left in a pair",
     "## Words",
 )
 """Standard uses, titles of figures of the report, and names of contracts; removed from a text before it is checked."""

@@ -14,7 +14,6 @@ from mcap.reader import make_reader
 
 from semlive.data.clock import Clock
 from semlive.data.disparity import DisparityMap
-from semlive.data.displacement import Displacement
 from semlive.data.drift import DistortionField, DriftEstimate, DriftForecast, PairMotion
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import FrameInfo
@@ -22,7 +21,7 @@ from semlive.data.grid import Grid
 from semlive.data.loading import FrameLoad, LoadSample, MotionState, StageSample
 from semlive.data.pair import PairDecision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
-from semlive.data.strain import ElasticConstants, MeasuredValue, StrainField, StrainSummary, Tensor2
+from semlive.data.strain import Displacement, ElasticConstants, MeasuredValue, StrainField, StrainSummary, Tensor2
 from semlive.errors import BadLog
 from semlive.formats.log import conversions as values
 from semlive.formats.log.maps import decode_displacement, decode_map, decode_strain, encode_displacement, encode_map, encode_strain

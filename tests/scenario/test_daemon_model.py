@@ -129,7 +129,7 @@ def test_plan_names_the_model_and_refuses_one_that_does_not_fit(done: Any) -> No
     wide = write_model(done.folder / "wide.json", width_px=640)
     for command, model, words in (
         (("plan", config), small, "another magnification"),
-        (("run", config, "--resume"), other, "is of version 2, this program reads version 1"),
+        (("run", config, "--resume"), other, "has version 2, this program reads version 1"),
         (("plan", config), unknown, "no effect is called warp"),
         (("plan", config), lacking, "mains_hum lacks frequency_hz"),
         (("run", config, "--no-page"), small, "another magnification"),

@@ -17,7 +17,7 @@ effects:
   magnification_frame_instability: {sd: 1.0e-3, seed: 1}
 """
 PAIRS = 6
-SAID = "what the estimate leaves of the maps after "
+SAID = "the residual of the maps after "
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
-from semlive.data.diagnosis import ModelEffect
+from semlive.data.diagnosis.effects import ModelEffect
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline.baseline import BaselineEffect, HyperparameterGrid, build_grid
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
+from semlive.diagnose.baseline.design_matrix import BaselineEffect
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
@@ -28,10 +29,10 @@ def effect_class(name: str) -> EffectClass:
     Raises:
         BadInput: no class has this name.
     """
-    found = next((family for family in EFFECT_CLASSES if family.name == name), None)
-    if found is None:
-        raise BadInput(f"model: no effect is called {name}; the known ones are {', '.join(family.name for family in EFFECT_CLASSES)}.")
-    return found
+    family = next((family for family in EFFECT_CLASSES if family.name == name), None)
+    if family is None:
+        raise BadInput(f"model: no effect is called {name}; the dictionary contains {', '.join(family.name for family in EFFECT_CLASSES)}.")
+    return family
 
 
 def observable_effects(observation: Observation, model_effects: Sequence[ModelEffect]) -> list[ModelEffect]:
@@ -39,7 +40,7 @@ def observable_effects(observation: Observation, model_effects: Sequence[ModelEf
     return [
         model_effect
         for model_effect in model_effects
-        if effect_class(model_effect.name).law(observation.geometry, dict(model_effect.values)) is not None
+        if effect_class(model_effect.name).basis_field(observation.geometry, dict(model_effect.values)) is not None
     ]
 
 
@@ -51,9 +52,9 @@ def add_model_effects(baseline: HyperparameterGrid, model_effects: Sequence[Mode
     """
     columns, fields = baseline.design, []
     for model_effect in model_effects:
-        basis_field = effect_class(model_effect.name).law(columns.observation.geometry, dict(model_effect.values))
+        basis_field = effect_class(model_effect.name).basis_field(columns.observation.geometry, dict(model_effect.values))
         if basis_field is None:
-            raise BadInput(f"model: {model_effect.name} cannot be seen in this run: it has no loads or moves to go with.")
+            raise BadInput(f"model: {model_effect.name} is not observable in this run, which has no loads or moves; use another model.")
         columns = columns.with_effects(BaselineEffect(columns.whiten(basis_field.field_px), model_effect.size_px))
         fields.append(basis_field.field_px)
     return (build_grid(columns) if model_effects else baseline), tuple(fields)
@@ -92,16 +93,16 @@ def effect_displacement(observation: Observation, model_effects: Sequence[ModelE
     baseline_with_effects, fields = add_model_effects(noise_scaled_baseline(observation), model_effects)
     amplitudes = fitted_amplitudes(baseline_with_effects)
     total, first = np.zeros((observation.frames, observation.blocks, 2)), 0
-    harmful = []
-    for model_effect, field, share in zip(
+    not_corrected = []
+    for model_effect, field, attenuation in zip(
         model_effects, fields, strain_attenuation(baseline_with_effects, fields, len(fields)), strict=True
     ):
-        if effect_class(model_effect.name).strain_like or share > MAX_ATTENUATION:
-            harmful.append(model_effect.name)
+        if effect_class(model_effect.name).strain_like or attenuation > MAX_ATTENUATION:
+            not_corrected.append(model_effect.name)
         else:
             total += field @ amplitudes[first : first + field.shape[-1]]
         first += field.shape[-1]
-    return EffectDisplacement(tuple(model_effect.name for model_effect in model_effects), total - total[0], tuple(harmful))
+    return EffectDisplacement(tuple(model_effect.name for model_effect in model_effects), total - total[0], tuple(not_corrected))
 
 
 def interpolate_to_grid(observation: Observation, moved: Array, grid: Grid) -> dict[int, Array]:
@@ -113,8 +114,8 @@ def interpolate_to_grid(observation: Observation, moved: Array, grid: Grid) -> d
     place = scene.address_px[0] + observation.state.centre_px
     points = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
     values = np.moveaxis(moved, 0, 1).reshape(len(place), -1)
-    spread = RBFInterpolator(place, values, kernel="thin_plate_spline", degree=1)(points)
-    fields = spread.reshape(*grid.shape, len(scene.frame), 2)
+    interpolated = RBFInterpolator(place, values, kernel="thin_plate_spline", degree=1)(points)
+    fields = interpolated.reshape(*grid.shape, len(scene.frame), 2)
     return {int(frame): fields[:, :, at] for at, frame in enumerate(scene.frame)}
 
 

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid, design
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid
+from semlive.diagnose.baseline.design_matrix import design
 from semlive.diagnose.baseline.observation import Observation
-from semlive.diagnose.baseline.whitening import likeliest_length_px, make_whitener, rough_cholesky
+from semlive.diagnose.baseline.whitening import make_whitener, most_likely_length_px, rough_cholesky
 from semlive.model.effects import RunGeometry
 
 Array = NDArray[np.float64]
@@ -33,7 +34,7 @@ def noise_scaled_baseline(observation: Observation) -> HyperparameterGrid:
     """
     residual, rough = observation.residual_px(), rough_modes(observation)
     sigma_px = float(residual.std()) or 1e-6
-    length_px = likeliest_length_px(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
+    length_px = most_likely_length_px(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
     columns = design(observation, make_whitener(observation.grid, observation.valid_blocks, length_px, sigma_px))
     for _ in range(PASSES):
         columns = columns.rescaled(residual_scale(best_point(columns), rough))
@@ -46,9 +47,9 @@ def rough_modes(observation: Observation) -> Array:
     return np.linalg.qr(shapes, mode="complete")[0][:, shapes.shape[1] :]
 
 
-def residual_scale(found: HyperparameterGrid, rough: Array) -> float:
+def residual_scale(baseline: HyperparameterGrid, rough: Array) -> float:
     """Root mean square of the rough part of the residual relative to that of unit noise."""
-    columns, residual = found.design, found.residual()
+    columns, residual = baseline.design, baseline.residual()
     f, b, _ = residual.shape
     to_rough = solve_triangular(rough_cholesky(columns.whiten, rough), rough.T @ columns.whiten.factor, lower=True, check_finite=False)
     residuals = to_rough @ residual
@@ -57,7 +58,7 @@ def residual_scale(found: HyperparameterGrid, rough: Array) -> float:
         own = (to_rough @ columns.columns[axis].reshape(f, b, -1)).reshape(f * len(to_rough), -1)
         inside = np.zeros((columns.size, own.shape[1]))
         inside[columns.index[axis]] = own.T @ own
-        explained += float(np.trace(found.best.solve(inside)[columns.index[axis]]))
+        explained += float(np.trace(baseline.best.solve(inside)[columns.index[axis]]))
     freedom = 2.0 * len(to_rough) * (f - 1) - explained
     limit = CLIP * 1.4826 * float(np.median(np.abs(residuals)))
     return float(np.sqrt(np.sum(np.clip(residuals, -limit, limit) ** 2) / max(freedom, 1.0)))

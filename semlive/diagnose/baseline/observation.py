@@ -28,7 +28,7 @@ MIN_PAIRS = 5
 MIN_BLOCKS = 24
 STEADIEST_DRIFT_PRIOR = Smoothness(3, 3e-4)
 HOLD_S = 30.0
-"""The paper's hold: where a run does not say when its steps ended, they are taken to have ended so long before their pair."""
+"""Hold time in Sutton et al. (2007), s; assumed between the end of a step and its pair if a log contains no hold time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,24 +103,22 @@ def baseline_solution(state: EstimatorState) -> tuple[Solution, Solution | None]
     Raises:
         IllPosed: there are too many pairs, or they are too far apart in time, for one matrix.
     """
-    held = dense_limit(state)
-    if held < len(state.phases):
+    max_pairs = dense_limit(state)
+    if max_pairs < len(state.phases):
         raise IllPosed(
-            f"{len(state.phases)} pairs, of which the first {held} are few enough and close enough in time for one matrix: "
-            "nothing can be named in a longer run; diagnose a shorter one"
+            f"{len(state.phases)} pairs exceed the limit of one matrix, which is reached after the first {max_pairs}: "
+            "no effect can be identified in a longer run; diagnose a shorter one"
         )
-    chosen, other = solve_both_couplings(state)
-    return _steadied(chosen), None if other is None else _steadied(other)
+    selected, alternative = solve_both_couplings(state)
+    return _with_smoothest_drift(selected), None if alternative is None else _with_smoothest_drift(alternative)
 
 
-def _steadied(solution: Solution) -> Solution:
+def _with_smoothest_drift(solution: Solution) -> Solution:
     """The solution linearised about the smoothest drift.
 
-    Strain multiplies the ideal position of a point, from which drift and distortion of frame 0 are subtracted. If a hidden
-    effect makes the drift
-    rough, the ideal position is wrong by up to a pixel, and its product with strain adds a common field at all loads. A bending
-    of 0.16 px was
-    estimated as 0.21 and 0.22 px with the correct drifts, which were less likely than wrong ones by log odds of 95 to 490.
+    Strain multiplies the ideal position of a point, from which drift and distortion of frame 0 are subtracted. If a hidden effect makes the
+    drift rough, the ideal position is wrong by up to a pixel, and its product with strain adds a common field at all loads. A bending of
+    0.16 px was estimated as 0.21 and 0.22 px with the correct drifts, which were less likely than wrong ones by log odds of 95 to 490.
     """
     still = tuple(0.0 for _ in solution.hyper.raster_px)
     steady = replace(solution.hyper, noise_scale=1.0, drift=(STEADIEST_DRIFT_PRIOR, STEADIEST_DRIFT_PRIOR), raster_px=still)
@@ -130,49 +128,51 @@ def _steadied(solution: Solution) -> Solution:
     )
 
 
-def make_observation(solution: Solution, steps: Sequence[StepConditions], other: Solution | None = None) -> Observation:
+def make_observation(solution: Solution, steps: Sequence[StepConditions], alternative: Solution | None = None) -> Observation:
     """Derive the observation from an estimate.
 
     Args:
         solution: solution of the joint method.
         steps: conditions before each pair, in order of time.
-        other: solution of the same maps with the other distortion advection, if the selection is in doubt; else None.
+        alternative: solution of the same maps with the other distortion advection, if the selection is in doubt; else None.
 
     Raises:
         IllPosed: there are too few pairs or points to identify an effect.
     """
     state = solution.state
     frames = np.array([2 * step.pair + member for step in steps for member in (0, 1)])
-    found = {map_rows.current: map_rows for map_rows in state.rows if map_rows.reference == 0 and map_rows.weight.any()}
-    missing = [int(frame) for frame in frames if frame and frame not in found]
+    rows_by_frame = {map_rows.current: map_rows for map_rows in state.rows if map_rows.reference == 0 and map_rows.weight.any()}
+    missing = [int(frame) for frame in frames if frame and frame not in rows_by_frame]
     if missing:
         raise IllPosed(f"no map from frame 0 to frame {missing[0]}: diagnosis needs one to every frame of a run")
-    rows = tuple(found[int(frame)] for frame in frames if frame)
+    rows = tuple(rows_by_frame[int(frame)] for frame in frames if frame)
     used = np.flatnonzero(np.all([map_rows.weight.all(axis=1) for map_rows in rows], axis=0)) if rows else np.zeros(0, dtype=np.int64)
     if len(steps) < MIN_PAIRS or len(used) < MIN_BLOCKS:
         raise IllPosed(
-            f"{len(steps)} pairs with {len(used)} blocks of points that all of them show: nothing can be named with this data; "
-            f"needs at least {MIN_PAIRS} pairs and {MIN_BLOCKS} blocks"
+            f"{len(steps)} pairs with {len(used)} blocks of points common to all of them are too few to identify an effect; "
+            f"diagnosis needs at least {MIN_PAIRS} pairs and {MIN_BLOCKS} blocks"
         )
     disparity = np.concatenate((np.zeros((1, len(used), 2)), np.stack([map_rows.disparity_px[used] for map_rows in rows])))
-    # Effects are predicted on what the estimate says of the maps: sin(2 pi U) of a measured U goes along with U's own noise.
+    # Effects are predicted from the estimated disparity: sin(2 pi U) of a measured U would be correlated with the noise of U.
     predicted_px = np.concatenate(
         (np.zeros((1, len(used), 2)), np.stack([predicted(state, map_rows, solution.mean)[used] for map_rows in rows]))
     )
-    # A block lies where its points of that map lie on average. With those of the first map, points that others lack moved it by 6 px, and a
-    # bending specimen was estimated 22 % too large.
+    # The position of a block is the mean position of its points in each map. With the points of the first map, points missing in other maps
+    # shifted it by 6 px, and the bending of a specimen was estimated 22 % too large.
     position = np.stack([map_rows.position_px[used] for map_rows in (rows[0], *rows)])
-    return Observation(state, solution, rows, used, disparity, _scene(solution, steps, frames, position, predicted_px), tuple(steps), other)
+    return Observation(
+        state, solution, rows, used, disparity, _scene(solution, steps, frames, position, predicted_px), tuple(steps), alternative
+    )
 
 
 def step_conditions(decisions: Sequence[PairDecision], hold_s: float = HOLD_S) -> tuple[StepConditions, ...]:
     """Conditions from the decisions of a run, with the given hold time between step and pair."""
-    found = []
+    conditions = []
     for decision in decisions:
         load = (0.0, 0.0) if decision.loads is None else (decision.loads[0].mean_n, decision.loads[1].mean_n)
         gage = None if decision.loads is None else mean_gage_strain(*decision.loads)
-        found.append(StepConditions(decision.pair, decision.step.phase, load, decision.step.shift_px, hold_s, gage))
-    return tuple(found)
+        conditions.append(StepConditions(decision.pair, decision.step.phase, load, decision.step.shift_px, hold_s, gage))
+    return tuple(conditions)
 
 
 def _scene(
@@ -216,31 +216,35 @@ def _visited(
     state: EstimatorState, frames: NDArray[np.int64], address_px: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """(f, b) times of the beam at addresses (f, b, 2), s: since the start of frame 0, of the frame and of the row."""
-    pixel, whens = address_px + state.centre_px, [state.frame_time(int(frame)) for frame in frames]
-    in_frame = np.stack([when.timing.time_in_frame_s(value[:, 0], value[:, 1]) for when, value in zip(whens, pixel, strict=True)])
-    in_row = np.stack([when.timing.dwell_time_s.value * value[:, 0] for when, value in zip(whens, pixel, strict=True)])
-    return in_frame + np.array([when.start_s for when in whens])[:, None], in_frame, in_row
+    pixel, frame_times = address_px + state.centre_px, [state.frame_time(int(frame)) for frame in frames]
+    in_frame = np.stack(
+        [frame_time.timing.time_in_frame_s(value[:, 0], value[:, 1]) for frame_time, value in zip(frame_times, pixel, strict=True)]
+    )
+    in_row = np.stack([frame_time.timing.dwell_time_s.value * value[:, 0] for frame_time, value in zip(frame_times, pixel, strict=True)])
+    return in_frame + np.array([frame_time.start_s for frame_time in frame_times])[:, None], in_frame, in_row
 
 
 def sample_within_blocks(observation: Observation) -> tuple[tuple[RunGeometry, RunGeometry], ...]:
     """Geometry at four positions of each block, in every frame and in frame 0, to average basis fields over points and subsets.
 
     The positions lie one standard deviation from the block centre along each axis, so the average is correct to third order. For settling
-    within 56 rows, blocks of three points and subsets of 43 px show 5 % more displacement than the centre of the block. Missing
-    points move the
-    centre of a block by up to 6 px in both frames. With the centre of frame 0 for all maps, this shift alone distinguished a basis
+    within 56 rows, blocks of three points and subsets of 43 px show 5 % more displacement than the centre of the block. Missing points move
+    the centre of a block by up to 6 px in both frames. With the centre of frame 0 for all maps, this shift alone distinguished a basis
     field from distortion and reduced the estimated settling by a sixth.
     """
     members = observation.state.blocks.members[observation.valid_blocks]
     points = np.stack([np.where(members < 0, np.nan, coordinates.ravel()[members]) for coordinates in observation.grid.mesh()], axis=-1)
-    apart_px = np.sqrt(np.nanvar(points, axis=1) + observation.grid.subset_px**2 / 12.0)
+    offset_px = np.sqrt(np.nanvar(points, axis=1) + observation.grid.subset_px**2 / 12.0)
     scene = observation.geometry
     first = np.zeros(observation.frames, dtype=np.int64)
     before = replace(scene, drift_rate_px_s=scene.drift_rate_px_s[first], address_px=scene.address_px - scene.disparity_px)
-    ways = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+    directions = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
     return tuple(
-        (_moved(observation, scene, scene.frame, apart_px * way), _moved(observation, before, scene.frame[first], apart_px * way))
-        for way in ways
+        (
+            _moved(observation, scene, scene.frame, offset_px * direction),
+            _moved(observation, before, scene.frame[first], offset_px * direction),
+        )
+        for direction in directions
     )
 
 

@@ -15,10 +15,10 @@ from semlive.estimate.joint.observations.priors import Hyperparameters, Smoothne
 
 Array = NDArray[np.float64]
 
-SMOOTHEST_PX, WIDEST_PX = 3e-4, 100.0  # farther apart, the belief's precision has no Cholesky factor in double precision
-ROUGHEST_PX = 1.0  # of a drift, from knot to knot, as the estimator has it: with 75 px one followed what a bending had left of the noise
-ROTATION_FLOOR_RAD = 1e-9  # a specimen that turns with each move is an effect with a name of its own
-WALK_LEVEL_PRECISION_RATIO = 1e-6  # what holds a walk as a whole, in what holds its steps
+SMOOTHEST_PX, WIDEST_PX = 3e-4, 100.0  # beyond these, the prior precision has no Cholesky factor in double precision
+ROUGHEST_PX = 1.0  # of a drift, from knot to knot, as in the estimator: a drift with 75 px followed the residual of a bending
+ROTATION_FLOOR_RAD = 1e-9  # rotation of the specimen with each move is an effect of the dictionary (stage_yaw)
+WALK_LEVEL_PRECISION_RATIO = 1e-6  # precision of the level of a random walk, relative to that of its steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +34,12 @@ class DriftPrior:
     random_walk_px: float = 0.0
 
 
-# The smoothness that the first solution chose was chosen with the effect in the data: an unnamed jump makes the drift rough, and a rough
-# drift hides the jump. So every question is put to smoother and rougher drifts too, and the likeliest answer counts.
+# The first solution selected its smoothness with the effect in the data: a hidden jump makes the drift rough, and a rough drift absorbs the
+# jump. Therefore every test also uses smoother and rougher drifts, and the most likely result counts.
 SMOOTH_DRIFT_PRIORS = tuple(DriftPrior(by) for by in (0.01, 0.1, 1.0, 10.0, 100.0))
-# Bends of one size are no random walk: in runs whose drift wandered by 0.01 px/s^0.5 a walk beside a smooth drift was likelier by a
-# logarithm of 130 to 150, and without it swings of 61 to 62 s were named in it that only held-out pairs rejected.
+# Curvature of one size does not describe a random walk. In runs with a drift of 0.01 px/s^0.5, a random walk added to a smooth drift was
+# more likely by log odds of 130 to 150. Without it, oscillations with periods of 61 to 62 s were identified, which only held-out pairs
+# rejected.
 RANDOM_WALK_PRIORS = tuple(DriftPrior(0.0, wander_px) for wander_px in (0.0, 0.01, 0.03, 0.1, 0.3, 1.0))
 DRIFTS = (*SMOOTH_DRIFT_PRIORS, *RANDOM_WALK_PRIORS)
 
@@ -64,17 +65,17 @@ class PriorCache:
 
     Attributes:
         observation: the observation.
-        kept: (p,) joint parameters of the estimator contained in the baseline.
-        sides: component blocks of these parameters.
+        parameters: (p,) joint parameters of the estimator contained in the baseline.
+        components: component blocks of these parameters.
         gauge: (p, p) precision independent of the smoothness.
-        known: cached priors with the distortion of the first choice; the cache saves a seventh of the time of a verdict.
+        cached: priors with the distortion of the first choice; the cache saves a seventh of the time of a verdict.
     """
 
     observation: Observation
-    kept: NDArray[np.int64]
-    sides: ComponentBlocks
+    parameters: NDArray[np.int64]
+    components: ComponentBlocks
     gauge: Array
-    known: dict[DriftPrior, BaselinePrior] = field(default_factory=dict)
+    cached: dict[DriftPrior, BaselinePrior] = field(default_factory=dict)
 
     @classmethod
     def of(cls, observation: Observation, retained: NDArray[np.int64]) -> PriorCache:
@@ -83,13 +84,13 @@ class PriorCache:
         own = ComponentBlocks(*(np.flatnonzero(np.isin(retained, value)) for value in (*full.own, full.shared)))
         return cls(observation, retained, own, gauge_precision(observation.state)[np.ix_(retained, retained)])
 
-    def belief(self, drift: DriftPrior, also: float) -> BaselinePrior:
+    def prior(self, drift: DriftPrior, roughness_factor: float) -> BaselinePrior:
         """Prior with a distortion rougher by a factor than the first choice."""
-        if also != 1.0:
-            return self._made(drift, also)
-        if drift not in self.known:
-            self.known[drift] = self._made(drift, also)
-        return self.known[drift]
+        if roughness_factor != 1.0:
+            return self._evaluate(drift, roughness_factor)
+        if drift not in self.cached:
+            self.cached[drift] = self._evaluate(drift, roughness_factor)
+        return self.cached[drift]
 
     def different(self) -> list[DriftPrior]:
         """Distinct drift priors, that of the first choice first."""
@@ -99,7 +100,7 @@ class PriorCache:
             by_kind.setdefault((_drift_of(first, drift), drift.random_walk_px), drift)
         return list(by_kind.values())
 
-    def _made(self, drift: DriftPrior, also: float) -> BaselinePrior:
+    def _evaluate(self, drift: DriftPrior, roughness_factor: float) -> BaselinePrior:
         state, first = self.observation.state, self.observation.solution.hyper
         hyper = replace(
             first,
@@ -107,17 +108,17 @@ class PriorCache:
             rotation_rad=ROTATION_FLOOR_RAD,
             raster_px=(0.0, 0.0),
             drift=_drift_of(first.drift, drift),
-            distortion=_scaled(first.distortion, also),
+            distortion=_scaled(first.distortion, roughness_factor),
         )
-        precision = prior_precision(state, hyper)[np.ix_(self.kept, self.kept)]
+        precision = prior_precision(state, hyper)[np.ix_(self.parameters, self.parameters)]
         precision[np.diag_indices_from(precision)] += WIDEST_PX**-2.0
         if drift.random_walk_px:
-            self._walk(precision, drift.random_walk_px)
+            self._add_random_walk(precision, drift.random_walk_px)
         precision += self.gauge
         scaled = hyper if drift.bend_factor else replace(hyper, drift=_scaled(first.drift, 1.0))
-        return BaselinePrior(scaled, precision, factorise(precision, self.sides, 0.0).half_log_det)
+        return BaselinePrior(scaled, precision, factorise(precision, self.components, 0.0).half_log_det)
 
-    def _walk(self, precision: Array, wander_px: float) -> None:
+    def _add_random_walk(self, precision: Array, wander_px: float) -> None:
         """Add the covariance of a random walk to the drift."""
         state = self.observation.state
         assert state.drift is not None  # there are pairs
@@ -125,7 +126,7 @@ class PriorCache:
         walk = np.linalg.inv(steps + WALK_LEVEL_PRECISION_RATIO * np.eye(len(steps))) * wander_px**2
         start = state.layout.part("drift").start
         for axis in (0, 1):
-            at = np.searchsorted(self.kept, start + axis + 2 * np.arange(len(steps)))
+            at = np.searchsorted(self.parameters, start + axis + 2 * np.arange(len(steps)))
             loose = np.linalg.inv(np.linalg.inv(precision[np.ix_(at, at)]) + walk)
             precision[np.ix_(at, at)] = 0.5 * (loose + loose.T)
 

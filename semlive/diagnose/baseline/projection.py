@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.diagnose.baseline.baseline import DesignMatrix, HyperparameterGrid
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.design_matrix import DesignMatrix
 from semlive.model.effects import EffectClass, RunGeometry
 
 Array = NDArray[np.float64]
@@ -40,41 +41,43 @@ class WhitenedColumns:
     baseline_products: tuple[Array, Array]
 
     @classmethod
-    def of(cls, ladder: HyperparameterGrid, fields: Sequence[Array]) -> WhitenedColumns:
+    def of(cls, baseline: HyperparameterGrid, fields: Sequence[Array]) -> WhitenedColumns:
         """Whiten the columns (f, b, 2, q) of basis fields, px."""
-        design, residual = ladder.design, ladder.whitened_residual
+        design, residual = baseline.design, baseline.whitened_residual
         ends = np.cumsum([0, *(field.shape[-1] for field in fields)]).tolist()
-        index, rows, shared, gradient = [], [], [], np.zeros(ends[-1])
-        eigenvalues, white = np.zeros(0), np.zeros(0)
-        for axis, each in enumerate(_in_one_piece(fields)):
-            there = np.flatnonzero(each.any(axis=(1, 2)))
-            before, eigenvalues = eigenvalues, each[there]
-            # Most laws of many columns have the same along x and along y.
-            white = white if np.array_equal(before, eigenvalues) else design.whiten.rows(eigenvalues)
-            flat = white.reshape(len(there), residual[:, :, axis].size)
-            gradient[there] += flat @ residual[:, :, axis].ravel()
-            index.append(there)
+        index, rows, baseline_products, gradient = [], [], [], np.zeros(ends[-1])
+        current, white = np.zeros(0), np.zeros(0)
+        for axis, each in enumerate(_stack_columns(fields)):
+            nonzero = np.flatnonzero(each.any(axis=(1, 2)))
+            previous, current = current, each[nonzero]
+            # Most basis fields with many columns have equal columns along x and along y.
+            white = white if np.array_equal(previous, current) else design.whiten.rows(current)
+            flat = white.reshape(len(nonzero), residual[:, :, axis].size)
+            gradient[nonzero] += flat @ residual[:, :, axis].ravel()
+            index.append(nonzero)
             rows.append(flat)
-            shared.append(design.along(axis, white))
+            baseline_products.append(design.along(axis, white))
         spans = tuple(slice(first, last) for first, last in pairwise(ends))
-        alone = tuple(_among(index, rows, own) for own in spans)
-        return cls(spans, (index[0], index[1]), (rows[0], rows[1]), alone, gradient, (shared[0], shared[1]))
+        gram_matrices = tuple(_gram(index, rows, own) for own in spans)
+        return cls(spans, (index[0], index[1]), (rows[0], rows[1]), gram_matrices, gradient, (baseline_products[0], baseline_products[1]))
 
     def products_with(self, design: DesignMatrix) -> Array:
         """(p, q) products with all columns of a design matrix: the original baseline and effects added since."""
         total = np.zeros((design.size, len(self.residual_products)))
         for axis in (0, 1):
-            had, there = len(self.baseline_products[axis]), self.index[axis]
-            total[np.ix_(design.index[axis][:had], there)] += self.baseline_products[axis]
-            if had < design.columns[axis].shape[1]:
-                total[np.ix_(design.index[axis][had:], there)] += design.columns[axis][:, had:].T @ self.rows[axis].T
+            baseline_count, nonzero = len(self.baseline_products[axis]), self.index[axis]
+            total[np.ix_(design.index[axis][:baseline_count], nonzero)] += self.baseline_products[axis]
+            if baseline_count < design.columns[axis].shape[1]:
+                total[np.ix_(design.index[axis][baseline_count:], nonzero)] += (
+                    design.columns[axis][:, baseline_count:].T @ self.rows[axis].T
+                )
         return total
 
     def along(self, noise: tuple[Array, Array]) -> Array:
         """(q, draws) columns times whitened noise, (f b, draws) for x and for y."""
         total = np.zeros((len(self.residual_products), noise[0].shape[1]))
-        for there, rows, value in zip(self.index, self.rows, noise, strict=True):
-            total[there] += rows @ value
+        for nonzero, rows, value in zip(self.index, self.rows, noise, strict=True):
+            total[nonzero] += rows @ value
         return total
 
 
@@ -96,20 +99,20 @@ class CandidateProjection:
         return sum(rows.nbytes for batch in self.batches for rows in batch.rows)
 
 
-def project_candidate(ladder: HyperparameterGrid, family: EffectClass, scene: RunGeometry) -> CandidateProjection | None:
+def project_candidate(baseline: HyperparameterGrid, family: EffectClass, scene: RunGeometry) -> CandidateProjection | None:
     """Basis fields of an effect class for a run geometry; None if none is observable."""
-    basis_fields = [(dict(values), family.law(scene, values)) for values in family.grid(scene)]
+    basis_fields = [(dict(values), family.basis_field(scene, values)) for values in family.grid(scene)]
     observed = [(values, basis_field.field_px) for values, basis_field in basis_fields if basis_field is not None]
     if not observed:
         return None
     each = max(1, COLUMNS_AT_ONCE // observed[0][1].shape[-1])
     batches = [
-        WhitenedColumns.of(ladder, [field for _, field in observed[first : first + each]]) for first in range(0, len(observed), each)
+        WhitenedColumns.of(baseline, [field for _, field in observed[first : first + each]]) for first in range(0, len(observed), each)
     ]
     return CandidateProjection(tuple(values for values, _ in observed), tuple(batches))
 
 
-def _in_one_piece(fields: Sequence[Array]) -> Array:
+def _stack_columns(fields: Sequence[Array]) -> Array:
     """(2, q, f, b) contiguous columns of fields (f, b, 2, q).
 
     Concatenating 64 fields of 4 interleaved columns directly took three times as long as whitening them.
@@ -124,10 +127,10 @@ def _in_one_piece(fields: Sequence[Array]) -> Array:
     return stacked
 
 
-def _among(index: Sequence[NDArray[np.int64]], rows: Sequence[Array], own: slice) -> Array:
+def _gram(index: Sequence[NDArray[np.int64]], rows: Sequence[Array], own: slice) -> Array:
     total = np.zeros((own.stop - own.start,) * 2)
-    for there, map_rows in zip(index, rows, strict=True):
-        low, high = np.searchsorted(there, (own.start, own.stop))
-        at = there[low:high] - own.start
+    for nonzero, map_rows in zip(index, rows, strict=True):
+        low, high = np.searchsorted(nonzero, (own.start, own.stop))
+        at = nonzero[low:high] - own.start
         total[np.ix_(at, at)] += map_rows[low:high] @ map_rows[low:high].T
     return total

@@ -11,7 +11,7 @@ from semlive.model.effects.run_geometry import field_column
 
 Array = NDArray[np.float64]
 MAX_ATTENUATION = 0.02
-"""Share of an injected strain that a correction may take away."""
+"""Largest fraction of an injected strain that a correction may remove."""
 
 
 def strain_attenuation(baseline_with_effects: HyperparameterGrid, fields: tuple[Array, ...], effect_count: int) -> tuple[float, ...]:
@@ -30,11 +30,11 @@ def strain_attenuation(baseline_with_effects: HyperparameterGrid, fields: tuple[
     injected = np.concatenate(_injected(scene), axis=-1)
     first = len(columns.parameter_indices)
     gradient = baseline_with_effects.best.solve(columns.transposed(columns.whiten(injected)))[first:]
-    shares = []
+    attenuations = []
     for field, own in zip(fields, columns.effect_columns(fields, effect_count), strict=True):
         absorbed = np.einsum("fbcq,qk->fbck", field, gradient[own])
-        shares.append(max(abs(_strain(scene, absorbed[..., k])[k]) for k in range(injected.shape[-1])))
-    return tuple(shares)
+        attenuations.append(max(abs(_strain(scene, absorbed[..., k])[k]) for k in range(injected.shape[-1])))
+    return tuple(attenuations)
 
 
 def _injected(scene: RunGeometry) -> tuple[Array, ...]:
@@ -46,11 +46,11 @@ def _injected(scene: RunGeometry) -> tuple[Array, ...]:
 
 def _strain(scene: RunGeometry, moved: Array) -> tuple[float, float, float]:
     """Mean exx, eyy and exy of frames under load relative to the other frames, in units of the injected strain."""
-    found = []
+    strains = []
     for frame in range(len(scene.frame)):
         rows = np.stack((np.ones_like(scene.x[frame]), scene.x[frame], scene.y[frame]), axis=-1)
         _, x, y = np.linalg.lstsq(rows, moved[frame], rcond=None)[0]
-        found.append((x[0], y[1], 0.5 * (x[1] + y[0])))
-    each = np.array(found)
+        strains.append((x[0], y[1], 0.5 * (x[1] + y[0])))
+    each = np.array(strains)
     exx, eyy, exy = each[scene.loaded].mean(axis=0) - each[0]
     return float(exx), float(eyy), float(exy)

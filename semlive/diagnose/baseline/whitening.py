@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 from semlive.data.grid import Grid
 from semlive.estimate.joint.observations.block_means import Blocks
 
-LENGTHS = 9  # correlation lengths that are tried, from a point to a subset
+LENGTHS = 9  # number of candidate correlation lengths, from the distance of points to the subset size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,17 +30,16 @@ class Whitener:
     sigma_px: float
 
     def __call__(self, field: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(f, b, ...) fields in units of the noise; their mean over the frames, which the noise of frame 0 makes unknown, is taken away.
+        """(f, b, ...) fields in units of the noise, minus their mean over the frames, which the noise of frame 0 makes unobservable.
 
-        Every frame sees each block at an address of its own, p_b + ...; p_b is free. What is left has as many independent
-        numbers as there were, less one for each block.
+        The reference address p_b of each block is a free parameter. The result has one independent number per block fewer than the input.
         """
         white = np.matmul(self.inverse / self.sigma_px, field.reshape(*field.shape[:2], math.prod(field.shape[2:])))
         white -= white.mean(axis=0)
         return np.asarray(white.reshape(field.shape))
 
     def rows(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k, f, b) fields that lie in one piece each, alike."""
+        """(k, f, b) contiguous fields, whitened likewise."""
         white = np.matmul(rows, self.inverse.T / self.sigma_px)
         white -= white.mean(axis=1, keepdims=True)
         return np.asarray(white)
@@ -67,22 +66,22 @@ def block_correlation(grid: Grid, length_px: float) -> NDArray[np.float64]:
     blocks = Blocks.of(grid)
     rows, columns = blocks.layout
     block = blocks.block.reshape(grid.shape)
-    both = np.kron(_along(grid.y_px, block[:, 0] // columns, rows, length_px), _along(grid.x_px, block[0], columns, length_px))
-    return np.asarray(both, dtype=np.float64)
+    correlation = np.kron(_along(grid.y_px, block[:, 0] // columns, rows, length_px), _along(grid.x_px, block[0], columns, length_px))
+    return np.asarray(correlation, dtype=np.float64)
 
 
-def likeliest_length_px(grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]) -> float:
+def most_likely_length_px(grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]) -> float:
     """Correlation length that maximises the likelihood of the rough part of residuals (f, b, 2); columns (b, k) span the rough part."""
     longest = float(max(grid.subset_px, grid.step_px))
-    best, found = -np.inf, longest
+    best, best_length_px = -np.inf, longest
     flat = np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1)
     for length_px in np.unique(np.linspace(grid.step_px, longest, LENGTHS)):
         factor = rough_cholesky(make_whitener(grid, used, float(length_px), 1.0), rough)
         white = solve_triangular(factor, rough.T @ flat, lower=True, check_finite=False)
         score = -0.5 * white.size * np.log(float(np.mean(white**2))) - flat.shape[1] * float(np.sum(np.log(np.diag(factor))))
         if score > best:
-            best, found = score, float(length_px)
-    return found
+            best, best_length_px = score, float(length_px)
+    return best_length_px
 
 
 def rough_cholesky(whiten: Whitener, rough: NDArray[np.float64]) -> NDArray[np.float64]:

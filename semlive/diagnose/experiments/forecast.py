@@ -1,4 +1,4 @@
-"""What the experiments that a run could be followed by are expected to decide, and how much beam time they take."""
+"""Forecast of possible next experiments: expected log odds and beam time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from itertools import permutations
 
 import numpy as np
 
-from semlive.data.diagnosis import Diagnosis, ExperimentForecast, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast
 from semlive.data.experiment import Phase
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import score_candidates
@@ -22,46 +23,46 @@ from semlive.diagnose.maps.refinement import RefinedEffect, refined
 from semlive.errors import IllPosed
 from semlive.model.effects import EFFECT_CLASSES
 
-MOST_PAIRS = 32  # that diagnosis takes
+MAX_PAIRS = 32  # limit of the diagnosis
 UNLOADED_KINDS = (ExperimentKind.STATIONARY_SERIES, ExperimentKind.REPEAT, ExperimentKind.REVERSED, ExperimentKind.CHANGED_SCAN_TIMES)
 SCAN_TIME_RATIOS = (0.5, 2.0)
-LOADED = (ExperimentKind.LONGER_HOLD, ExperimentKind.ZERO_LOAD_STEPS, ExperimentKind.UNLOAD)
+LOADED_KINDS = (ExperimentKind.LONGER_HOLD, ExperimentKind.ZERO_LOAD_STEPS, ExperimentKind.UNLOAD)
 
 
 def forecast_experiments(
-    observation: Observation, found: Diagnosis, model_effects: Sequence[ModelEffect] = ()
+    observation: Observation, verdict: Diagnosis, model_effects: Sequence[ModelEffect] = ()
 ) -> tuple[ExperimentForecast, ...]:
-    """What each experiment would decide between the effects that are left open, or of one effect against nothing; the most a minute first.
+    """Forecasts of possible experiments for the remaining candidates (one effect: against none), best log odds per minute first.
 
-    Experiments are those that need nothing the run did not have: loads, moves, another dwell. What turns with the scan is in no law, so
-    a turned scan is not among them. None where the names that are left open are one effect to a map.
+    The experiments use the equipment of the run: loads, moves, another dwell. A rotated scan is not included, because no basis field
+    describes effects that rotate with the scan. The result is empty if the candidates have one common basis field.
 
     Args:
-        observation: what the run shows.
-        found: the verdict.
-        model_effects: effects that the model had before.
+        observation: observation of the run.
+        verdict: the verdict.
+        model_effects: effects of the model before the diagnosis.
     """
     effects = {family.name for family in EFFECT_CLASSES}
-    between = found.ambiguous or tuple(effect.name for effect in found.effects)
-    gradient = dict.fromkeys(
-        effect.model_effect.name for effect in found.effects if effect.name in between and effect.model_effect.name in effects
+    between = verdict.ambiguous or tuple(effect.name for effect in verdict.effects)
+    candidate_names = dict.fromkeys(
+        effect.model_effect.name for effect in verdict.effects if effect.name in between and effect.model_effect.name in effects
     )
-    gradient |= dict.fromkeys(name for name in between if name in effects)
-    if not gradient or (found.outcome is Outcome.AMBIGUOUS and len(gradient) < 2):
+    candidate_names |= dict.fromkeys(name for name in between if name in effects)
+    if not candidate_names or (verdict.outcome is Outcome.AMBIGUOUS and len(candidate_names) < 2):
         return ()
     common_effects = [
         model_effect
-        for model_effect in (*model_effects, *(effect.model_effect for effect in found.effects))
-        if model_effect.name in effects and model_effect.name not in gradient
+        for model_effect in (*model_effects, *(effect.model_effect for effect in verdict.effects))
+        if model_effect.name in effects and model_effect.name not in candidate_names
     ]
     common_effects = observable_effects(observation, common_effects)
     before = add_model_effects(noise_scaled_baseline(observation), common_effects)[0]
-    rivals = [refined(before, score_candidate) for score_candidate in score_candidates(before, [effect_class(name) for name in gradient])]
-    forecasts = [_told(kind, run, before, rivals, common_effects) for kind, run in _menu(observation)]
+    rivals = [refined(before, candidate) for candidate in score_candidates(before, [effect_class(name) for name in candidate_names])]
+    forecasts = [_forecast(kind, run, before, rivals, common_effects) for kind, run in _possible_runs(observation)]
     return tuple(sorted((value for value in forecasts if value is not None), key=lambda candidate: -candidate.log_odds_per_minute))
 
 
-def _told(
+def _forecast(
     kind: ExperimentKind,
     run: PlannedRun,
     before: HyperparameterGrid,
@@ -69,32 +70,32 @@ def _told(
     common_effects: Sequence[ModelEffect],
 ) -> ExperimentForecast | None:
     try:
-        ahead = simulate_baseline(before, run, common_effects)
+        simulated = simulate_baseline(before, run, common_effects)
     except IllPosed:
-        return None  # it leaves too little to diagnose
-    predictions = [predict_effect(ahead, before, rival) for rival in rivals]
+        return None  # too few data for a diagnosis
+    predictions = [predict_effect(simulated, before, rival) for rival in rivals]
     if not any(len(value.mean) for value in predictions):
-        return None  # it shows none of them
+        return None  # none of the effects is observable
     predictions += [NOTHING] if len(predictions) == 1 else []
-    odds = expected_odds(ahead, predictions)
-    true, other = min(permutations(range(len(predictions)), 2), key=lambda pair: float(odds[pair]))
+    odds = expected_odds(simulated, predictions)
+    true, rival = min(permutations(range(len(predictions)), 2), key=lambda pair: float(odds[pair]))
     return ExperimentForecast(
-        kind.value, run.scan_time_ratio, run.duration_s / 60.0, float(odds[true, other]), predictions[true].name, predictions[other].name
+        kind.value, run.scan_time_ratio, run.duration_s / 60.0, float(odds[true, rival]), predictions[true].name, predictions[rival].name
     )
 
 
-def _menu(observation: Observation) -> Iterator[tuple[ExperimentKind, PlannedRun]]:
+def _possible_runs(observation: Observation) -> Iterator[tuple[ExperimentKind, PlannedRun]]:
     protocol = _protocol(observation)
     moved, loaded = any(any(value) for value in protocol["calibration_shifts_px"]), any(protocol["loads_n"])
-    for kind in (*(UNLOADED_KINDS if moved else (ExperimentKind.STATIONARY_SERIES,)), *(LOADED if loaded else ())):
-        for dwell in SCAN_TIME_RATIOS if kind is ExperimentKind.CHANGED_SCAN_TIMES else (1.0,):
-            run = planned_run(observation, kind, dwell)
-            if MIN_PAIRS <= len(run.steps) <= MOST_PAIRS:
+    for kind in (*(UNLOADED_KINDS if moved else (ExperimentKind.STATIONARY_SERIES,)), *(LOADED_KINDS if loaded else ())):
+        for scan_time_ratio in SCAN_TIME_RATIOS if kind is ExperimentKind.CHANGED_SCAN_TIMES else (1.0,):
+            run = planned_run(observation, kind, scan_time_ratio)
+            if MIN_PAIRS <= len(run.steps) <= MAX_PAIRS:
                 yield kind, run
 
 
 def _protocol(observation: Observation) -> Protocol:
-    """What the run did, as its configuration would say it."""
+    """The run as the protocol section of a configuration."""
     scene = observation.geometry
     place = np.cumsum(scene.move_px[::2], axis=0)
     loads = 0.5 * (scene.load_n[::2] + scene.load_n[1::2])
@@ -105,23 +106,23 @@ def _protocol(observation: Observation) -> Protocol:
     }
 
 
-def planned_run(observation: Observation, kind: ExperimentKind, dwell: float = 1.0) -> PlannedRun:
-    """An experiment after a run: in time as the run was, longer by what is held or scanned longer.
+def planned_run(observation: Observation, kind: ExperimentKind, scan_time_ratio: float = 1.0) -> PlannedRun:
+    """A planned experiment with the timing of a run, extended by longer holds and scans.
 
     Args:
-        observation: what the run shows.
-        kind: of the experiment.
-        dwell: dwell, row and frame time, of those of the run.
+        observation: observation of the run.
+        kind: kind of the experiment.
+        scan_time_ratio: dwell, row and frame time, as a multiple of those of the run.
     """
     scene, protocol = observation.geometry, protocol_for(_protocol(observation), kind)
-    longer_s = (dwell - 1.0) * observation.state.frame_time(int(scene.frame[0])).timing.duration_s
-    held_s = protocol["hold_s"] - float(scene.since_step_s[0])
-    apart_s = float(np.median(scene.start_s[1::2] - scene.start_s[::2])) + longer_s
-    each_s = float(np.median(np.diff(scene.start_s[::2]))) + 2.0 * longer_s + held_s
+    extra_scan_s = (scan_time_ratio - 1.0) * observation.state.frame_time(int(scene.frame[0])).timing.duration_s
+    extra_hold_s = protocol["hold_s"] - float(scene.since_step_s[0])
+    interval_s = float(np.median(scene.start_s[1::2] - scene.start_s[::2])) + extra_scan_s
+    pair_interval_s = float(np.median(np.diff(scene.start_s[::2]))) + 2.0 * extra_scan_s + extra_hold_s
     steps = [(Phase.CALIBRATION, 0.0, tuple(value)) for value in protocol["calibration_shifts_px"]]
     steps += [(Phase.TENSION, load, (0.0, 0.0)) for load in protocol["loads_n"]]
-    orders = [
-        PlannedStep(phase, load, shift, protocol["hold_s"], (each_s * at, each_s * at + apart_s))
+    planned_steps = [
+        PlannedStep(phase, load, shift, protocol["hold_s"], (pair_interval_s * at, pair_interval_s * at + interval_s))
         for at, (phase, load, shift) in enumerate(steps)
     ]
-    return PlannedRun(tuple(orders), dwell, each_s * len(orders))
+    return PlannedRun(tuple(planned_steps), scan_time_ratio, pair_interval_s * len(planned_steps))

@@ -1,4 +1,4 @@
-"""The next experiment: what decides between effects, as a change of the protocol that the daemon runs."""
+"""Proposal of the next experiment that separates the remaining candidates, as a change of the protocol of the run."""
 
 from __future__ import annotations
 
@@ -6,34 +6,35 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from semlive.data.diagnosis import Diagnosis, ExperimentForecast, ExperimentProposal, Outcome
+from semlive.data.diagnosis.effects import Outcome
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS
 from semlive.model.effects.stage import non_map_effect
 
 
 class ExperimentKind(StrEnum):
-    """What can be done to a run."""
+    """Kinds of experiments."""
 
     STATIONARY_SERIES = "parked"
     """Pairs without a load and without a move."""
     REPEAT = "again"
-    """The calibration once more, without a load."""
+    """The calibration again, without a load."""
     LONGER_HOLD = "longer_hold"
     """The same loads, held four times as long."""
     ZERO_LOAD_STEPS = "dummy_steps"
     """Every load twice: the second step changes nothing."""
     UNLOAD = "unload"
-    """The same loads, and back down."""
+    """The same loads, followed by unloading."""
     REVERSED = "reversed"
     """Every move there and back."""
     CHANGED_SCAN_TIMES = "other_scan"
-    """The calibration once more with another dwell or row time, which the operator sets."""
+    """The calibration again with another dwell or row time, which the operator sets."""
     ROTATED_SCAN = "turned_scan"
-    """A calibration with large moves, and the same once more with the scan turned by 90 degrees, which the operator sets."""
+    """A calibration with large moves, and the same again with the scan rotated by 90 degrees, which the operator sets."""
 
 
-_DECIDES = {
+_KIND_BY_EFFECT = {
     "creep_in_hold": ExperimentKind.LONGER_HOLD,
     "load_step_transient": ExperimentKind.ZERO_LOAD_STEPS,
     "stage_step_transient": ExperimentKind.REVERSED,
@@ -56,7 +57,7 @@ _DECIDES = {
     "gamma_change": ExperimentKind.REPEAT,
     "charging_jump": ExperimentKind.REPEAT,
 }
-_BY_GROUP = {
+_KIND_BY_GROUP = {
     "G1": ExperimentKind.STATIONARY_SERIES,
     "G2": ExperimentKind.STATIONARY_SERIES,
     "G3": ExperimentKind.CHANGED_SCAN_TIMES,
@@ -68,83 +69,83 @@ _BY_GROUP = {
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What to do next.
+    """Proposal of the next experiment.
 
     Attributes:
-        kind: of the experiment.
-        candidates: the effects that it is about.
-        description: what it shows, one sentence.
-        foretold: what it is expected to decide; None where that cannot be foretold.
+        kind: kind of the experiment.
+        candidates: effects to be separated.
+        description: purpose of the experiment, one sentence.
+        forecast: expected log odds; None if no forecast is possible.
     """
 
     kind: ExperimentKind
     candidates: tuple[str, ...]
     description: str
-    foretold: ExperimentForecast | None = None
+    forecast: ExperimentForecast | None = None
 
 
-_ABOUT = {
-    ExperimentKind.STATIONARY_SERIES: "what goes on while nothing is loaded or moved",
-    ExperimentKind.REPEAT: "what has changed since the first calibration",
-    ExperimentKind.LONGER_HOLD: "what comes to rest only after longer holds",
-    ExperimentKind.ZERO_LOAD_STEPS: "what a load step does that changes no load",
-    ExperimentKind.UNLOAD: "what goes back with the load",
-    ExperimentKind.REVERSED: "what a move does that is taken back",
+_DESCRIPTIONS = {
+    ExperimentKind.STATIONARY_SERIES: "changes without loading and moves",
+    ExperimentKind.REPEAT: "changes since the first calibration",
+    ExperimentKind.LONGER_HOLD: "transients that decay only in longer holds",
+    ExperimentKind.ZERO_LOAD_STEPS: "effects of a load step without a change of load",
+    ExperimentKind.UNLOAD: "effects that reverse with the load",
+    ExperimentKind.REVERSED: "effects of a move and its reversal",
     ExperimentKind.CHANGED_SCAN_TIMES: (
-        "what goes with the dwell or the row time and not with the place in the picture; `semlive experiment decide` tells"
+        "effects that follow the dwell or row time and not the position in the image; see `semlive experiment decide`"
     ),
     ExperimentKind.ROTATED_SCAN: (
-        "what turns with the scan: pixels that are not square, skewed axes, curved ramps; `semlive experiment decide` tells"
+        "effects that rotate with the scan: pixels that are not square, skewed axes, nonlinear ramps; see `semlive experiment decide`"
     ),
 }
 
 
 def requested_proposal(kind: ExperimentKind) -> Proposal:
-    """An experiment, whatever a diagnosis leaves open."""
-    return Proposal(kind, (), _ABOUT[kind])
+    """A proposal of a given kind, independent of a diagnosis."""
+    return Proposal(kind, (), _DESCRIPTIONS[kind])
 
 
-def choose_proposal(found: Diagnosis, menu: Sequence[ExperimentForecast] = ()) -> Proposal | None:
-    """What would decide; None where there is nothing to decide.
+def choose_proposal(verdict: Diagnosis, menu: Sequence[ExperimentForecast] = ()) -> Proposal | None:
+    """The experiment that separates the candidates of a verdict; None if there is nothing to decide.
 
-    Of an identified effect it is the experiment that confirms the name; of what has no name, a series in which nothing is done. Where
-    odds are foretold, it is the experiment that decides in the least beam time; where none decides, what is known of the effect counts.
+    For an identified effect it is the experiment that confirms it; for an unknown effect, a stationary series. If forecasts are available,
+    it is the decisive experiment with the least beam time; if none is decisive, the proposal of the effect class is used.
 
     Args:
-        found: the verdict.
-        menu: what experiments are expected to decide, the most for a minute first; none takes the verdict's own.
+        verdict: the verdict.
+        menu: forecasts in descending order of log odds per minute; empty uses those of the verdict.
     """
-    between = found.ambiguous or tuple(effect.name for effect in found.effects)
-    if found.outcome is Outcome.NONE:
+    between = verdict.ambiguous or tuple(effect.name for effect in verdict.effects)
+    if verdict.outcome is Outcome.NONE:
         return None
     if not between:
         return Proposal(
             ExperimentKind.STATIONARY_SERIES,
             (),
-            "what goes on while nothing is loaded or moved belongs to the microscope, the rest to what was done",
+            "changes without loading and moves are due to the microscope, all others to loads or moves",
         )
-    best = fastest_decisive(menu or (() if found.experiment is None else found.experiment.foretold))
+    best = fastest_decisive(menu or (() if verdict.experiment is None else verdict.experiment.forecasts))
     if best is not None:
-        return Proposal(ExperimentKind(best.kind), between, _ABOUT[ExperimentKind(best.kind)], best)
-    non_map = non_map_effect(found.effects[0].model_effect.name)
+        return Proposal(ExperimentKind(best.kind), between, _DESCRIPTIONS[ExperimentKind(best.kind)], best)
+    non_map = non_map_effect(verdict.effects[0].model_effect.name)
     if non_map is not None:
-        return Proposal(_DECIDES.get(non_map.name, ExperimentKind.CHANGED_SCAN_TIMES), between, non_map.discriminating_experiment)
-    family = effect_class(found.effects[0].model_effect.name)
-    kind = _DECIDES.get(family.name) or _BY_GROUP.get(family.group or "", ExperimentKind.STATIONARY_SERIES)
+        return Proposal(_KIND_BY_EFFECT.get(non_map.name, ExperimentKind.CHANGED_SCAN_TIMES), between, non_map.discriminating_experiment)
+    family = effect_class(verdict.effects[0].model_effect.name)
+    kind = _KIND_BY_EFFECT.get(family.name) or _KIND_BY_GROUP.get(family.group or "", ExperimentKind.STATIONARY_SERIES)
     return Proposal(kind, between, family.discriminating_experiment)
 
 
-def ranked(found: ExperimentProposal, menu: Sequence[ExperimentForecast]) -> ExperimentProposal:
-    """An experiment's words with what each one would decide: the quickest that decides is said first, before what decides by its nature."""
+def ranked(proposal: ExperimentProposal, menu: Sequence[ExperimentForecast]) -> ExperimentProposal:
+    """A proposal with forecasts; its text begins with the fastest decisive experiment, if there is one."""
     best = fastest_decisive(menu)
-    about = (
-        found.about
+    description = (
+        proposal.about
         if best is None
-        else f"{best.summary}, {best.minutes:.0f} minutes: {_ABOUT[ExperimentKind(best.kind)]} (or: {found.about})"
+        else f"{best.summary}, {best.minutes:.0f} minutes: {_DESCRIPTIONS[ExperimentKind(best.kind)]} (or: {proposal.about})"
     )
-    return replace(found, about=about, foretold=tuple(menu))
+    return replace(proposal, about=description, forecasts=tuple(menu))
 
 
 def fastest_decisive(menu: Sequence[ExperimentForecast]) -> ExperimentForecast | None:
-    """The experiment that decides and gives the most for a minute; None where none decides."""
-    return next((proposal for proposal in menu if proposal.log_odds > MIN_LOG_ODDS), None)
+    """The decisive experiment with the largest log odds per minute; None if none is decisive."""
+    return next((forecast for forecast in menu if forecast.log_odds > MIN_LOG_ODDS), None)

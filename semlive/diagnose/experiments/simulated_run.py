@@ -1,4 +1,4 @@
-"""A run that has not been made, as diagnosis would see it: where and when its blocks would lie, and what its baseline could take up."""
+"""Simulation of a planned run for the diagnosis: geometry of its blocks and columns of its baseline."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import ModelEffect
+from semlive.data.diagnosis.effects import ModelEffect
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.scan import ScanTiming
-from semlive.diagnose.baseline.baseline import BaselineEffect, HyperparameterGrid, design, prior_point
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, prior_point
+from semlive.diagnose.baseline.design_matrix import BaselineEffect, design
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.baseline.observation import Observation, StepConditions, drift_px, make_observation
 from semlive.errors import IllPosed
@@ -25,19 +26,19 @@ from semlive.estimate.joint.observations.state import EstimatorState, init
 from semlive.estimate.joint.solution.posterior import Solution, posterior_from_elimination
 
 Array = NDArray[np.float64]
-POI_SIGMA_PX = 0.02  # weighs nothing here: whitening has the noise that the run before it showed
+POI_SIGMA_PX = 0.02  # without influence: whitening uses the noise of the diagnosed run
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedStep:
-    """A step to come.
+    """A planned step.
 
     Attributes:
-        phase: what its pair is for.
-        load_n: commanded, 0 without a load frame.
-        shift_px: commanded place of the stage or the beam.
-        hold_s: from the end of the motion to the start of the first frame.
-        start_s: (2,) of its frames, seconds after the begin of the run.
+        phase: phase of the pair.
+        load_n: commanded load, N; 0 without a load frame.
+        shift_px: commanded position of the stage or beam, px.
+        hold_s: time from the end of the motion to the start of the first frame, s.
+        start_s: (2,) start of its frames, seconds after the start of the run.
     """
 
     phase: Phase
@@ -49,12 +50,12 @@ class PlannedStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedRun:
-    """A run to come.
+    """A planned run.
 
     Attributes:
-        steps: in order.
-        scan_time_ratio: dwell, row and frame time, of those of the run before it.
-        duration_s: of the whole run.
+        steps: steps in order.
+        scan_time_ratio: dwell, row and frame time, as a multiple of those of the diagnosed run.
+        duration_s: duration of the run, s.
     """
 
     steps: tuple[PlannedStep, ...]
@@ -63,54 +64,54 @@ class PlannedRun:
 
 
 def simulate_baseline(before: HyperparameterGrid, run: PlannedRun, model_effects: Sequence[ModelEffect] = ()) -> HyperparameterGrid:
-    """The baseline of a run to come, of one rung: drift and distortion as smooth as in the run before it, and its noise.
+    """Baseline of a planned run with one point, with the smoothness and noise of the diagnosed run.
 
-    The distortion, the strain for a load and the drift are those that the run before it showed: where a picture stays in its place the
-    distortion cannot be seen, and takes up nothing. Noise goes with the square root of the dwell.
+    Distortion, strain per load and drift are those of the diagnosed run. Without moves of the image the distortion is not observable and
+    absorbs nothing. The noise decreases with the square root of the dwell.
 
     Args:
         before: baseline of a run on the same specimen and grid.
-        run: what is planned.
-        model_effects: effects that the baseline has; their amplitudes are free there too.
+        run: the planned run.
+        model_effects: effects in the baseline; their amplitudes are free in the planned run, too.
 
     Raises:
-        IllPosed: too few pairs to name anything.
+        IllPosed: too few pairs to identify an effect, or blocks that leave the field.
     """
     observed, whiten = before.design.observation, before.design.whiten
     state = _state(observed, run)
     solution = _solution(state, before.best.hyper)
-    facts = [
+    conditions = [
         StepConditions(pair, step.phase, (step.load_n, step.load_n), step.shift_px, step.hold_s) for pair, step in enumerate(run.steps)
     ]
-    found = make_observation(solution, facts)
-    if not np.array_equal(found.valid_blocks, observed.valid_blocks):
-        raise IllPosed("the planned run moves blocks out of the field: nothing can be foretold of it")
-    at = np.arange(found.frames) % observed.frames
-    found = replace(found, geometry=replace(found.geometry, drift_rate_px_s=observed.geometry.drift_rate_px_s[at]))
-    columns = design(found, replace(whiten, sigma_px=whiten.sigma_px / np.sqrt(run.scan_time_ratio)))
+    simulated = make_observation(solution, conditions)
+    if not np.array_equal(simulated.valid_blocks, observed.valid_blocks):
+        raise IllPosed("the planned run moves blocks out of the field: no forecast is possible; plan smaller moves")
+    at = np.arange(simulated.frames) % observed.frames
+    simulated = replace(simulated, geometry=replace(simulated.geometry, drift_rate_px_s=observed.geometry.drift_rate_px_s[at]))
+    columns = design(simulated, replace(whiten, sigma_px=whiten.sigma_px / np.sqrt(run.scan_time_ratio)))
     for model_effect in model_effects:
-        basis_field = effect_class(model_effect.name).law(found.geometry, dict(model_effect.values))
+        basis_field = effect_class(model_effect.name).basis_field(simulated.geometry, dict(model_effect.values))
         if basis_field is not None:
             columns = columns.with_effects(BaselineEffect(columns.whiten(basis_field.field_px), model_effect.size_px))
     return prior_point(columns)
 
 
 def _state(observation: Observation, run: PlannedRun) -> EstimatorState:
-    known, grid = observation.state, observation.grid
-    timing = _scaled(known.frame_time(int(observation.geometry.frame[0])).timing, run.scan_time_ratio)
+    observed_state, grid = observation.state, observation.grid
+    timing = _scaled(observed_state.frame_time(int(observation.geometry.frame[0])).timing, run.scan_time_ratio)
     per_n, when_s, drift = (
         _gradient_per_n(observation),
         observation.geometry.start_s,
         drift_px(observation.solution, observation.geometry.time_s),
     )
-    shown = np.isin(known.blocks.block, observation.valid_blocks).reshape(grid.shape)
-    state, first_s = init(known.settings, grid, known.width_px, known.height_px), run.steps[0].start_s[0]
+    valid = np.isin(observed_state.blocks.block, observation.valid_blocks).reshape(grid.shape)
+    state, first_s = init(observed_state.settings, grid, observed_state.width_px, observed_state.height_px), run.steps[0].start_s[0]
     for pair, step in enumerate(run.steps):
         frames = [2 * pair, 2 * pair + 1]
         times = [FrameTime(frame, start_s - first_s, timing) for frame, start_s in zip(frames, step.start_s, strict=True)]
-        carried = [[np.interp(time.start_s, when_s, drift[:, axis] - drift[0, axis]) for axis in (0, 1)] for time in times]
-        moved = [_moved(observation, step.shift_px + np.array(by), step.load_n * per_n) for by in carried]
-        maps = tuple(_map(observation, frame, shown, u, v) for frame, (u, v) in zip(frames, moved, strict=True) if frame)
+        drift_px_by_frame = [[np.interp(time.start_s, when_s, drift[:, axis] - drift[0, axis]) for axis in (0, 1)] for time in times]
+        moved = [_moved(observation, step.shift_px + np.array(by), step.load_n * per_n) for by in drift_px_by_frame]
+        maps = tuple(_map(observation, frame, valid, u, v) for frame, (u, v) in zip(frames, moved, strict=True) if frame)
         state = update(state, pair, step.phase, (times[0], times[1]), maps)
     return state
 
@@ -121,7 +122,7 @@ def _scaled(timing: ScanTiming, by: float) -> ScanTiming:
 
 
 def _gradient_per_n(observation: Observation) -> Array:
-    """(2, 2) displacement gradient for a load of 1 N, by the frames under load."""
+    """(2, 2) displacement gradient per N of load, fitted to the frames under load."""
     scene = observation.geometry
     square = float(np.sum(scene.load_n[scene.loaded] ** 2))
     if not square:
@@ -135,23 +136,25 @@ def _gradient_per_n(observation: Observation) -> Array:
 
 
 def _moved(observation: Observation, shift_px: Array, gradient: Array) -> tuple[Array, Array]:
-    """(ny, nx) displacements of the points: the picture's, and what the distortion makes of it."""
+    """(ny, nx) displacements of the points by the image motion and the distortion."""
     state, part = observation.state, observation.solution.part("distortion")
     x, y = (coordinates.ravel() for coordinates in observation.grid.mesh())
     own = shift_px[:, None] + gradient @ (np.stack((x, y)) - state.centre_px[:, None])
-    bent = [state.distortion.field(part, *place) for place in ((x + own[0], y + own[1]), (x, y))]
-    u, v = (own + (bent[0] - bent[1]).T).reshape(2, *observation.grid.shape)
+    distortion_px = [state.distortion.field(part, *place) for place in ((x + own[0], y + own[1]), (x, y))]
+    u, v = (own + (distortion_px[0] - distortion_px[1]).T).reshape(2, *observation.grid.shape)
     return u, v
 
 
-def _map(observation: Observation, frame: int, shown: NDArray[np.bool_], u: Array, v: Array) -> DisparityMap:
-    status = np.where(shown, PoiStatus.CONVERGED, PoiStatus.LOW_ZNCC).astype(np.uint8)
-    u, v, sigma = (np.ascontiguousarray(np.where(shown, value, 0.0)) for value in (u, v, np.full(shown.shape, POI_SIGMA_PX)))
-    return DisparityMap(0, frame, observation.grid, u, v, sigma, sigma, np.ones(shown.shape), status)
+def _map(observation: Observation, frame: int, valid: NDArray[np.bool_], u: Array, v: Array) -> DisparityMap:
+    status = np.where(valid, PoiStatus.CONVERGED, PoiStatus.LOW_ZNCC).astype(np.uint8)
+    u, v, sigma = (np.ascontiguousarray(np.where(valid, value, 0.0)) for value in (u, v, np.full(valid.shape, POI_SIGMA_PX)))
+    return DisparityMap(0, frame, observation.grid, u, v, sigma, sigma, np.ones(valid.shape), status)
 
 
 def _solution(state: EstimatorState, hyper: Hyperparameters) -> Solution:
     hyper = replace(hyper, row_shift_px=0.0)
-    near = np.zeros(state.layout.size)
-    found = posterior_from_elimination(eliminate_all(state, hyper, near), (), POI_SIGMA_PX)
-    return posterior_from_elimination(eliminate_all(relinearise(found.state, found.mean), hyper, found.mean), (), POI_SIGMA_PX)
+    zero_parameters = np.zeros(state.layout.size)
+    first_estimate = posterior_from_elimination(eliminate_all(state, hyper, zero_parameters), (), POI_SIGMA_PX)
+    return posterior_from_elimination(
+        eliminate_all(relinearise(first_estimate.state, first_estimate.mean), hyper, first_estimate.mean), (), POI_SIGMA_PX
+    )

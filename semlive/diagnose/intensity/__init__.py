@@ -1,1 +1,1 @@
-"""Effects that grey levels show."""
+"""Diagnosis of the intensity channel: effects on the grey levels of frames."""

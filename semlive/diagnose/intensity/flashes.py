@@ -1,4 +1,4 @@
-"""Flashes: rows of one frame of a pair that are brighter for a moment, and not those of the other."""
+"""Flashes: short brightening of some rows in one frame of a pair only."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from semlive.diagnose.intensity.frames import IntensityFrame
 Array = NDArray[np.float64]
 DETREND_ROWS = 51
 DETECTION_SIGMAS = 6.5
-"""Standard deviations of a row's mean: of 38,000 rows without a flash the largest was at 4.5."""
-LEAST_LEVELS = 2.0
-LONGEST_ROWS = 25
+"""Detection threshold in standard deviations of a row mean; the largest of 38,000 rows without a flash was 4.5."""
+MIN_LEVELS = 2.0
+MAX_ROWS = 25
 NEIGHBOUR_ROWS = 40
 MAX_ASYMMETRY = 0.5
-"""Of a flash, what rows nearby may be darker by: a pattern that jumped is as often darker as brighter."""
+"""Largest darkening of neighbouring rows relative to a flash; a jump of the pattern darkens as much as it brightens."""
 PAIR_MATCH_ROWS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Flash:
-    """Some bright rows.
+    """One flash.
 
     Attributes:
         frame: number of the frame.
-        at_s: when they were scanned, after the start of frame 0.
-        length_s: how long.
-        levels: how much brighter the brightest of its rows.
-        sigma_levels: standard uncertainty of that.
+        at_s: instant of the flash, seconds after the start of frame 0.
+        length_s: duration, s.
+        levels: brightening of the brightest row, grey levels.
+        sigma_levels: standard uncertainty of `levels`.
     """
 
     frame: int
@@ -44,46 +44,46 @@ class Flash:
 
 
 def flashes(frames: Sequence[IntensityFrame]) -> tuple[Flash, ...]:
-    """Of all frames whose pair is whole, in their order."""
-    found: list[Flash] = []
+    """Flashes in all frames of complete pairs, in order of time."""
+    detected: list[Flash] = []
     for first, second in pairwise(frames):
         if first.frame // 2 == second.frame // 2:
-            found += _of_pair(first, second)
-    return tuple(found)
+            detected += _of_pair(first, second)
+    return tuple(detected)
 
 
 def _of_pair(first: IntensityFrame, second: IntensityFrame) -> list[Flash]:
-    """The second frame's rows against those of the first on the same material, whose flashes are dark then."""
+    """Flashes of a pair, from rows of the second frame minus those of the first, where flashes of the first are negative."""
     rows = np.arange(len(first.row_levels), dtype=np.float64)
     at, moved = _moved(first, second)
     down = np.interp(rows, at, moved)
     inside = (rows + down >= 1.0) & (rows + down <= len(rows) - 2.0)
     change = np.where(inside, np.interp(rows + down, rows, second.row_levels) - first.row_levels, 0.0)
     change = change - median_filter(change, DETREND_ROWS, mode="nearest")
-    # Where the pattern's rows are steep, a part of a pixel along y is a difference of theirs.
+    # At strong gradients between rows, a subpixel error along y changes the difference.
     steep = np.gradient(gaussian_filter1d(first.row_levels, 1.0))
     scale = np.sqrt(_spread(change) ** 2 + (0.3 * steep) ** 2)
-    found = []
+    detected = []
     for sign, frame in ((1.0, second), (-1.0, first)):
-        significant = sign * change > np.maximum(DETECTION_SIGMAS * scale, LEAST_LEVELS)
+        significant = sign * change > np.maximum(DETECTION_SIGMAS * scale, MIN_LEVELS)
         for begin, end in _runs(significant):
-            near = sign * change[max(0, begin - NEIGHBOUR_ROWS) : end + NEIGHBOUR_ROWS]
-            if end - begin > LONGEST_ROWS or -near.min() > MAX_ASYMMETRY * near.max():
+            neighbourhood = sign * change[max(0, begin - NEIGHBOUR_ROWS) : end + NEIGHBOUR_ROWS]
+            if end - begin > MAX_ROWS or -neighbourhood.min() > MAX_ASYMMETRY * neighbourhood.max():
                 continue
             middle = 0.5 * (begin + end - 1)
             place = middle + (float(np.interp(middle, rows, down)) if sign > 0 else 0.0)
             sigma = float(np.sqrt(np.mean(scale[begin:end] ** 2)))
             length_s = (end - begin) * frame.row_time_s
             at_s = frame.start_s + (place + 0.5) * frame.row_time_s
-            found.append(Flash(frame.frame, at_s, length_s, float(np.max(sign * change[begin:end])), sigma))
-    return sorted(found, key=lambda candidate: candidate.at_s)
+            detected.append(Flash(frame.frame, at_s, length_s, float(np.max(sign * change[begin:end])), sigma))
+    return sorted(detected, key=lambda candidate: candidate.at_s)
 
 
 def _moved(first: IntensityFrame, second: IntensityFrame) -> tuple[Array, Array]:
-    """Rows of the first frame and how far down their material is in the second, by rows of blocks that both have."""
-    both = first.known & second.known
-    starts = np.unique(first.block_row[both])
-    rows = [both & (first.block_row == start) for start in starts]
+    """Rows of the first frame and their displacement along y to the second, from rows of blocks measured in both."""
+    measured_in_both = first.measured & second.measured
+    starts = np.unique(first.block_row[measured_in_both])
+    rows = [measured_in_both & (first.block_row == start) for start in starts]
     at = np.array([first.row_px[map_rows].mean() for map_rows in rows])
     return at, np.array([second.row_px[map_rows].mean() for map_rows in rows]) - at
 
@@ -93,7 +93,7 @@ def _spread(values: Array) -> float:
 
 
 def _runs(significant: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and next-to-last row of each run, runs that lie close together being one."""
+    """First row and end of each group of significant rows; groups that lie close together are merged."""
     at = np.flatnonzero(significant)
     if not at.size:
         return []

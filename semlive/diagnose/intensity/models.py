@@ -1,4 +1,4 @@
-"""Laws of grey over time: each a few columns, linear in its amplitudes, and what makes them believable."""
+"""Intensity models over time: a few columns each, linear in the amplitudes, with tests of physical plausibility."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from semlive.model.effects.intensity import CHARGING_JUMP, CONTAMINATION, DEFOCU
 
 Array = NDArray[np.float64]
 DRIFT = "grey drift without a name"
-BLACK_LEVEL_TOLERANCE = 0.25  # of the mean grey: what a black level has to be known to
+BLACK_LEVEL_TOLERANCE = 0.25  # largest standard uncertainty of a black level, as a fraction of the mean grey level
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntensityModel:
-    """A law.
+    """One intensity model.
 
     Attributes:
-        family: None where it has no name.
-        kind: which of the family's laws.
-        columns: (k, f, r, TERMS); the last of them may be no part of the law.
-        at_s: of a step.
-        sigma_s: half of the interval in which steps do as well.
-        trial_count: how many steps were.
-        nuisance_columns: how many of the last columns are those of a band that is neither before nor after the step; they speak for no law.
+        family: effect class; None for unnamed models.
+        kind: variant of the model within the class.
+        columns: (k, f, r, TERMS) columns; the last may be nuisance columns.
+        at_s: instant of a step, s.
+        sigma_s: half of the interval in which steps are equally likely, s.
+        trial_count: number of tested steps.
+        nuisance_columns: number of columns, the last ones, for a band that contains the step; they do not count as evidence.
     """
 
     family: IntensityEffectClass | None
@@ -41,24 +41,24 @@ class IntensityModel:
 
     @property
     def name(self) -> str:
-        """Canonical, or what a law without a name is called."""
+        """Canonical name, or the name of unnamed models."""
         return self.family.name if self.family else DRIFT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntensityFit:
-    """A law beside those that the baseline has.
+    """Fit of one model jointly with those of the baseline.
 
     Attributes:
-        law: that was fitted.
-        amplitudes: (k,) its own, those beside it left out.
-        covariance: (k, k) of them.
-        explained_chi2: squares of noise that it explains, beyond what the columns beside it do.
-        odds: logarithm of its Bayes factor, as Schwarz approximates it.
-        p_value: of so many squares by noise, over all instants that were tried.
+        model: the fitted model.
+        amplitudes: (k,) amplitudes of the model.
+        covariance: (k, k) covariance of the amplitudes.
+        explained_chi2: chi-squared explained by the model in addition to the baseline.
+        odds: log Bayes factor by Schwarz's approximation.
+        p_value: probability of this chi-squared by noise, over all tested instants.
     """
 
-    law: IntensityModel
+    model: IntensityModel
     amplitudes: Array
     covariance: Array
     explained_chi2: float
@@ -66,13 +66,13 @@ class IntensityFit:
     p_value: float
 
 
-def smooth_laws(courses: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
-    """Of what goes on all the time. Contamination may have a black level, or slow down; focus may have gone through its best before."""
-    time_s = courses.time_s[..., None]
+def smooth_models(time_series: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
+    """Models of continuous changes. Contamination may have a black level or slow down; focus may pass its best value."""
+    time_s = time_series.time_s[..., None]
     mean, gain, curve, blur = (time_s * value for value in np.eye(INTENSITY_TERMS))
-    scale = float(courses.time_s.max())
-    loss = -(courses.mean * mean + gain)
-    later = courses.time_s[..., None] / scale
+    scale = float(time_series.time_s.max())
+    loss = -(time_series.mean * mean + gain)
+    later = time_series.time_s[..., None] / scale
     return (
         IntensityModel(CONTAMINATION, "linear", np.stack([loss])),
         IntensityModel(CONTAMINATION, "black level", np.stack([loss, mean])),
@@ -84,56 +84,61 @@ def smooth_laws(courses: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
     )
 
 
-def steps(courses: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
-    """Another grey curve from an instant on: between all frames, and in each band, which is then neither before nor after it."""
-    found = []
-    for frame in range(1, courses.frames):
-        early, late = courses.span_s[frame - 1, -1, 1], courses.span_s[frame, 0, 0]
-        found.append(step_at(courses, 0.5 * float(early + late), 0.5 * float(late - early)))
-        found += [step_at(courses, float(span.mean()), 0.5 * float(np.ptp(span))) for span in courses.span_s[frame]]
-    return tuple(replace(effect, trial_count=len(found)) for effect in found)
+def steps(time_series: IntensityTimeSeries) -> tuple[IntensityModel, ...]:
+    """Steps of the intensity curve between all frames and within each band, which then has separate amplitudes."""
+    models = []
+    for frame in range(1, time_series.frames):
+        early, late = time_series.span_s[frame - 1, -1, 1], time_series.span_s[frame, 0, 0]
+        models.append(step_at(time_series, 0.5 * float(early + late), 0.5 * float(late - early)))
+        models += [step_at(time_series, float(span.mean()), 0.5 * float(np.ptp(span))) for span in time_series.span_s[frame]]
+    return tuple(replace(effect, trial_count=len(models)) for effect in models)
 
 
-def step_at(courses: IntensityTimeSeries, at_s: float, sigma_s: float = 0.0) -> IntensityModel:
-    """Another grey curve from an instant on; a band in which it lies has amplitudes of its own."""
-    after = courses.span_s[..., 0] >= at_s
-    within = ~after & (courses.span_s[..., 1] > at_s)
+def step_at(time_series: IntensityTimeSeries, at_s: float, sigma_s: float = 0.0) -> IntensityModel:
+    """Step of the intensity curve at an instant; a band that contains it has separate amplitudes."""
+    after = time_series.span_s[..., 0] >= at_s
+    partial = ~after & (time_series.span_s[..., 1] > at_s)
     columns = [after[..., None] * value for value in np.eye(INTENSITY_TERMS)[:3]]
-    within_columns = [within[..., None] * value for value in np.eye(INTENSITY_TERMS)[:3]] if within.any() else []
+    partial_columns = [partial[..., None] * value for value in np.eye(INTENSITY_TERMS)[:3]] if partial.any() else []
     return IntensityModel(
-        GAMMA_CHANGE, "step", np.stack([*columns, *within_columns]).astype(np.float64), at_s, sigma_s, nuisance_columns=len(within_columns)
+        GAMMA_CHANGE,
+        "step",
+        np.stack([*columns, *partial_columns]).astype(np.float64),
+        at_s,
+        sigma_s,
+        nuisance_columns=len(partial_columns),
     )
 
 
-def flash_at(courses: IntensityTimeSeries, at_s: float, length_s: float) -> IntensityModel | None:
-    """Bands with a flash in them, which are of no use for any other law; None where it lies in no band."""
-    within = (courses.span_s[..., 0] <= at_s + length_s) & (courses.span_s[..., 1] >= at_s - length_s)
-    if not within.any():
+def flash_at(time_series: IntensityTimeSeries, at_s: float, length_s: float) -> IntensityModel | None:
+    """Separate amplitudes for bands with a flash, which excludes them from other models; None if no band contains it."""
+    partial = (time_series.span_s[..., 0] <= at_s + length_s) & (time_series.span_s[..., 1] >= at_s - length_s)
+    if not partial.any():
         return None
     columns = [
-        (np.arange(within.size).reshape(within.shape) == band)[..., None] * value
-        for band in np.flatnonzero(within)
+        (np.arange(partial.size).reshape(partial.shape) == band)[..., None] * value
+        for band in np.flatnonzero(partial)
         for value in np.eye(INTENSITY_TERMS)
     ]
-    return IntensityModel(CHARGING_JUMP, "flash", np.array(columns, dtype=np.float64).reshape(-1, *courses.value.shape), at_s)
+    return IntensityModel(CHARGING_JUMP, "flash", np.array(columns, dtype=np.float64).reshape(-1, *time_series.value.shape), at_s)
 
 
 class IntensityRegression:
-    """Fits laws to courses, beside laws that are there already."""
+    """Fits intensity models to time series, jointly with models already included."""
 
-    __slots__ = ("_base", "_data", "_freedom", "courses")
+    __slots__ = ("_base", "_data", "_freedom", "time_series")
 
-    def __init__(self, courses: IntensityTimeSeries, there: tuple[IntensityModel, ...] = ()) -> None:
-        """Laws that are there are free, all together."""
-        self.courses = courses
-        columns = [column.ravel() for intensity_model in there for column in courses.white(intensity_model.columns)]
-        self._base = _orthonormal(np.stack(columns, axis=-1)) if columns else np.zeros((courses.value.size, 0))
-        self._data = self._apart(courses.white(courses.value).ravel())
-        self._freedom = courses.freedom
+    def __init__(self, time_series: IntensityTimeSeries, included: tuple[IntensityModel, ...] = ()) -> None:
+        """Prepare the fit; the amplitudes of the included models are free."""
+        self.time_series = time_series
+        columns = [column.ravel() for intensity_model in included for column in time_series.white(intensity_model.columns)]
+        self._base = _orthonormal(np.stack(columns, axis=-1)) if columns else np.zeros((time_series.value.size, 0))
+        self._data = self._orthogonal(time_series.white(time_series.value).ravel())
+        self._freedom = time_series.freedom
 
     def fit(self, intensity_model: IntensityModel) -> IntensityFit:
-        """A law beside the baseline."""
-        columns = np.stack([self._apart(value.ravel()) for value in self.courses.white(intensity_model.columns)], axis=-1)
+        """Fit a model jointly with the included ones."""
+        columns = np.stack([self._orthogonal(value.ravel()) for value in self.time_series.white(intensity_model.columns)], axis=-1)
         own = len(intensity_model.columns) - intensity_model.nuisance_columns
         data = self._data
         if intensity_model.nuisance_columns:
@@ -144,59 +149,64 @@ class IntensityRegression:
         normal = (columns / size).T @ (columns / size) + 1e-9 * np.eye(own)
         inverse = np.linalg.inv(normal)
         amplitudes = inverse @ ((columns / size).T @ data)
-        lost = max(float(amplitudes @ normal @ amplitudes), 0.0)
+        explained = max(float(amplitudes @ normal @ amplitudes), 0.0)
         square = float(data @ data)
-        odds = self._log_likelihood(square - lost) - self._log_likelihood(square) - 0.5 * own * np.log(self.courses.frames)
-        p_value = min(1.0, intensity_model.trial_count * float(fisher.sf(lost / own, own, self._freedom)))
+        odds = self._log_likelihood(square - explained) - self._log_likelihood(square) - 0.5 * own * np.log(self.time_series.frames)
+        p_value = min(1.0, intensity_model.trial_count * float(fisher.sf(explained / own, own, self._freedom)))
         return IntensityFit(
             intensity_model,
             amplitudes / size,
             inverse / np.outer(size, size),
-            lost,
+            explained,
             float(odds - np.log(intensity_model.trial_count)),
             p_value,
         )
 
     def add_model(self) -> IntensityFit:
-        """The likeliest step, and the interval in which steps do as well within two standard deviations."""
-        tried = [self.fit(intensity_model) for intensity_model in steps(self.courses)]
-        best = max(tried, key=lambda candidate: candidate.odds)
-        like = [fit.law for fit in tried if fit.odds > best.odds - 2.0]
-        first, last = min(model.at_s - model.sigma_s for model in like), max(model.at_s + model.sigma_s for model in like)
-        return replace(best, law=replace(best.law, at_s=0.5 * (first + last), sigma_s=0.5 * (last - first)))
+        """The most likely step, and the interval of steps that are equally likely within two standard deviations."""
+        fits = [self.fit(intensity_model) for intensity_model in steps(self.time_series)]
+        best = max(fits, key=lambda candidate: candidate.odds)
+        equally_likely = [fit.model for fit in fits if fit.odds > best.odds - 2.0]
+        first, last = (
+            min(model.at_s - model.sigma_s for model in equally_likely),
+            max(model.at_s + model.sigma_s for model in equally_likely),
+        )
+        return replace(best, model=replace(best.model, at_s=0.5 * (first + last), sigma_s=0.5 * (last - first)))
 
     def residual(self) -> Array:
-        """(f, r, TERMS) whitened, what the baseline leaves."""
-        return self._data.reshape(self.courses.value.shape)
+        """(f, r, TERMS) whitened residual of the included models."""
+        return self._data.reshape(self.time_series.value.shape)
 
     def all_fits(self) -> tuple[IntensityFit, ...]:
-        """Every law, those that are not believable left out."""
-        fits = (*(self.fit(intensity_model) for intensity_model in smooth_laws(self.courses)), self.add_model())
-        return tuple(fit for fit in fits if is_physical(self.courses, fit))
+        """Fits of all physically plausible models."""
+        fits = (*(self.fit(intensity_model) for intensity_model in smooth_models(self.time_series)), self.add_model())
+        return tuple(fit for fit in fits if is_physical(self.time_series, fit))
 
     def _log_likelihood(self, square: float) -> float:
-        """Of so many squares of noise that are left, by Student's distribution, as the noise is known from pairs alone."""
-        degrees_of_freedom, count = self._freedom * self.courses.value.shape[1], self._data.size
+        """Log likelihood of a residual sum of squares by Student's distribution, because pairs determine the noise."""
+        degrees_of_freedom, count = self._freedom * self.time_series.value.shape[1], self._data.size
         return -0.5 * (degrees_of_freedom + count) * float(np.log(degrees_of_freedom + max(square, 0.0)))
 
-    def _apart(self, values: Array) -> Array:
+    def _orthogonal(self, values: Array) -> Array:
         return values - self._base @ (self._base.T @ values)
 
 
-def is_physical(courses: IntensityTimeSeries, fit: IntensityFit) -> bool:
-    """Carbon darkens and has a black level that no grey is below; blur is no sharper than the sharpest."""
+def is_physical(time_series: IntensityTimeSeries, fit: IntensityFit) -> bool:
+    """Whether a fit is plausible: carbon darkens, no grey level is below its black level, and the blur is positive."""
     first = float(fit.amplitudes[0])
-    if fit.law.family is CONTAMINATION:
-        if fit.law.kind == "slowing":
+    if fit.model.family is CONTAMINATION:
+        if fit.model.kind == "slowing":
             return first > 0.0 and first + fit.amplitudes[1] > 0.0
         level, sigma = black_level(fit)
-        return first > 0.0 and -2.0 * sigma <= level <= courses.darkest + 2.0 * sigma and sigma < BLACK_LEVEL_TOLERANCE * courses.mean
-    return first > 0.0 if fit.law.family is DEFOCUS else True
+        return (
+            first > 0.0 and -2.0 * sigma <= level <= time_series.darkest + 2.0 * sigma and sigma < BLACK_LEVEL_TOLERANCE * time_series.mean
+        )
+    return first > 0.0 if fit.model.family is DEFOCUS else True
 
 
 def black_level(fit: IntensityFit) -> tuple[float, float]:
-    """Of contamination, grey levels, and its standard uncertainty; 0 where the law has none."""
-    if fit.law.kind != "black level":
+    """Black level of contamination, grey levels, and its standard uncertainty; 0 for models without one."""
+    if fit.model.kind != "black level":
         return 0.0, 0.0
     loss, brighter = fit.amplitudes
     level = float(brighter / loss)

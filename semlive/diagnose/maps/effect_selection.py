@@ -16,12 +16,12 @@ from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.diagnose.parallel import parallel_map
 from semlive.model.effects import EffectClass
 
-# Logarithm of the Bayes factor from which on an effect counts. Among 199 draws of the null the largest of all families was 5.2, the 99th
-# percentile 2.7.
+# Smallest log Bayes factor of a significant effect. Over 199 draws of the null the maximum of all classes was 5.2 and the 99th percentile
+# 2.7.
 SIGNIFICANT_LOG_FACTOR = 7.0
-SIGNIFICANCE_LEVEL = 0.01  # of nulls may be as loud
-CANDIDATE_LOG_FACTOR = 2.0  # logarithm of a Bayes factor that one null in fifty reaches
-MIN_LOG_ODDS = math.log(20.0)  # rivals that are not so much less likely would do as well
+SIGNIFICANCE_LEVEL = 0.01  # largest p-value of a significant effect
+CANDIDATE_LOG_FACTOR = 2.0  # log Bayes factor that one null draw in fifty reaches
+MIN_LOG_ODDS = math.log(20.0)  # candidates within this of the best explain the data equally well
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,8 +86,8 @@ def add_effect(
     effect = refined(baseline_with_effects, best)
     after = build_grid(baseline_with_effects.design.with_effects(effect.baseline_effect))
     gain = max(best.log_factor, effect.log_factor)
-    room = gain - (after.evidence - baseline_with_effects.evidence)
-    return after, (*effects, SelectedEffect(effect, gain, room, p_value, tuple(rivals), unnamed))
+    occam_factor = gain - (after.evidence - baseline_with_effects.evidence)
+    return after, (*effects, SelectedEffect(effect, gain, occam_factor, p_value, tuple(rivals), unnamed))
 
 
 def remove_unnecessary(
@@ -95,18 +95,17 @@ def remove_unnecessary(
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
     """Remove, one at a time, effects that are not significant when fitted jointly with all others (backward elimination).
 
-    The first selected effect absorbs the effects not yet selected. A raster rotation drift together with bending was identified
-    as a drift of
-    the distortion; after bending and rotation had been added, the distortion drift explained nothing.
+    The first selected effect absorbs the effects not yet selected. A raster rotation drift together with bending was identified as a drift
+    of the distortion; after bending and rotation had been added, the distortion drift explained nothing.
     """
     while len(effects) > 1:
         # The last effect was significant jointly with all before it.
         without = [
-            rebuild_baseline(baseline, [other for other in effects if other is not value], effects[0].unnamed_log_factor)
+            rebuild_baseline(baseline, [retained for retained in effects if retained is not value], effects[0].unnamed_log_factor)
             for value in effects[:-1]
         ]
         total = baseline_with_effects.evidence + sum(effect.occam_factor for effect in effects)
-        residual = [value.evidence + sum(other.occam_factor for other in remaining) for value, remaining in without]
+        residual = [value.evidence + sum(retained.occam_factor for retained in remaining) for value, remaining in without]
         place = int(np.argmax(residual))
         if total - residual[place] >= SIGNIFICANT_LOG_FACTOR:
             break
@@ -123,12 +122,10 @@ def reselect_effects(
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
     """Score each selected effect again jointly with the others; replace it if another effect is more likely.
 
-    The first effect is selected while the others are still missing from the model. A raster rotation drift was identified as a
-    distortion drift,
-    which absorbed a part of the bending as well; jointly with bending it explained the rotation completely. If the effect is confirmed, its
-    nonlinear parameters are refined jointly with the others. A distortion drift whose affine part was fitted with a hidden jump
-    otherwise caused
-    a third effect with a log Bayes factor of 38.
+    The first effect is selected while the others are still missing from the model. A raster rotation drift was identified as a distortion
+    drift, which absorbed a part of the bending as well; jointly with bending it explained the rotation completely. If the effect is
+    confirmed, its nonlinear parameters are refined jointly with the others. A distortion drift whose affine part was fitted with a hidden
+    jump otherwise caused a third effect with a log Bayes factor of 38.
 
     Args:
         baseline: the baseline without effects.
@@ -139,8 +136,10 @@ def reselect_effects(
     """
     for family in [effect.refined.family for effect in effects[:-1]]:
         effect = next(each for each in effects if each.refined.family is family)
-        before, remaining = rebuild_baseline(baseline, [other for other in effects if other is not effect], effects[0].unnamed_log_factor)
-        other_families = [each for each in families if each not in {other.refined.family for other in remaining}]
+        before, remaining = rebuild_baseline(
+            baseline, [retained for retained in effects if retained is not effect], effects[0].unnamed_log_factor
+        )
+        other_families = [each for each in families if each not in {retained.refined.family for retained in remaining}]
         scored = refine_parameters(before, score_candidates(before, other_families, projections))
         candidates = [each for each in scored if each.family not in UNNAMED_CLASSES]
         best = max(candidates, key=lambda each: each.log_factor)
@@ -159,16 +158,16 @@ def rebuild_baseline(
     baseline: HyperparameterGrid, effects: Sequence[SelectedEffect], unnamed: float
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
     """Add effects to the baseline again in their order. The factor `unnamed` of unnamed fields is not computed again."""
-    baseline_with_effects, found = baseline, list[SelectedEffect]()
+    baseline_with_effects, rebuilt = baseline, list[SelectedEffect]()
     for effect in effects:
         before, baseline_with_effects = (
             baseline_with_effects,
             build_grid(baseline_with_effects.design.with_effects(effect.refined.baseline_effect)),
         )
-        first = -math.inf if found else unnamed
-        found.append(
+        first = -math.inf if rebuilt else unnamed
+        rebuilt.append(
             replace(
                 effect, log_bayes_factor=baseline_with_effects.evidence - before.evidence + effect.occam_factor, unnamed_log_factor=first
             )
         )
-    return baseline_with_effects, tuple(found)
+    return baseline_with_effects, tuple(rebuilt)

@@ -5,24 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
-from semlive.data.diagnosis import ParameterEstimate
-from semlive.diagnose.baseline.baseline import BaselineEffect, HyperparameterGrid
-from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, ProjectedField, information, project, sizes_of
-from semlive.model.effects import BasisField, EffectClass, NonlinearParameter
+from semlive.data.diagnosis.effects import ParameterEstimate
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, ProjectedField, project, sizes_of
+from semlive.diagnose.baseline.design_matrix import BaselineEffect
+from semlive.diagnose.maps.parameter_search import TOLERANCE_STEPS, LinearParameterSums, optimise_parameters, parameter_uncertainty
+from semlive.model.effects import BasisField, EffectClass
 from semlive.model.effects.effect_class import Values
 
 Array = NDArray[np.float64]
-PASSES, ACROSS, CHOICES = 2, 12, 3
-CLOSE = 1e-3  # of the distance between values on the grid
-UNOBSERVABLE_PENALTY = 1e12
-NEAR, WIDEST = 0.1, 0.5  # steps of the grid: where the curvature is taken, and the posterior at least
-REACH, POSTERIOR_LOG_DEPTH = 13, 4.5  # the posterior is followed for so many steps, and to three standard deviations
+MAX_POINT_CHOICES = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,245 +69,106 @@ class RefinedEffect:
         return (*reported_parameters(self.field, self.amplitudes, self.covariance), *own)
 
 
-def refined(ladder: HyperparameterGrid, weighed: CandidateEvidence) -> RefinedEffect:
+def refined(baseline: HyperparameterGrid, candidate: CandidateEvidence) -> RefinedEffect:
     """Refine the most likely basis field of a class one parameter at a time; the parameter uncertainty adds to the amplitude covariance."""
-    gradient, values = _chosen(ladder, weighed)
-    family, basis_field = weighed.family, gradient.law(values)
-    mean, covariance = project(gradient.ladder, basis_field.field_px).amplitudes(0, gradient.size_px)
-    sigmas, follows = parameter_uncertainty(gradient, values, mean)
-    found = BaselineEffect(ladder.design.whiten(basis_field.field_px), gradient.size_px)
-    factor = _integrated(ladder, weighed, basis_field, values, sigmas)
-    return RefinedEffect(family, basis_field, found, tuple(values.items()), sigmas, mean, covariance + follows, follows, factor)
+    objective, values = _choose_point(baseline, candidate)
+    family, basis_field = candidate.family, objective.basis_field(values)
+    mean, covariance = project(objective.baseline, basis_field.field_px).amplitudes(0, objective.size_px)
+    sigmas, follows = parameter_uncertainty(objective, values, mean)
+    baseline_effect = BaselineEffect(baseline.design.whiten(basis_field.field_px), objective.size_px)
+    factor = _integrated(baseline, candidate, basis_field, values, sigmas)
+    return RefinedEffect(family, basis_field, baseline_effect, tuple(values.items()), sigmas, mean, covariance + follows, follows, factor)
 
 
 def _integrated(
-    ladder: HyperparameterGrid, weighed: CandidateEvidence, basis_field: BasisField, values: Values, sigmas: Sequence[float]
+    baseline: HyperparameterGrid, candidate: CandidateEvidence, basis_field: BasisField, values: Values, sigmas: Sequence[float]
 ) -> float:
     """Log Bayes factor over the parameter range, integrated with the refined peak, which may be narrower than the grid spacing."""
-    sizes = sizes_of(weighed.family)
+    sizes = sizes_of(candidate.family)
     each = (
-        project(ladder, basis_field.field_px).log_factor(sizes) + np.array([[point.evidence] for point in ladder.points]) - ladder.evidence
+        project(baseline, basis_field.field_px).log_factor(sizes)
+        + np.array([[point.evidence] for point in baseline.points])
+        - baseline.evidence
     )
-    factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(len(sizes) * len(weighed.projected_fields))
-    for nonlinear_parameter, sigma in zip(weighed.family.nonlinear_parameters, sigmas, strict=True):
+    factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(len(sizes) * len(candidate.projected_fields))
+    for nonlinear_parameter, sigma in zip(candidate.family.nonlinear_parameters, sigmas, strict=True):
         steps = (
             sigma / abs(values[nonlinear_parameter.name] * math.log(nonlinear_parameter.step))
             if nonlinear_parameter.ratio
             else sigma / nonlinear_parameter.step
         )
-        factor += min(math.log(max(math.sqrt(2.0 * math.pi) * steps, CLOSE)), 0.0)
-        if nonlinear_parameter.name not in weighed.values[0]:  # no grid, so it is believed to lie within about a step of nothing
+        factor += min(math.log(max(math.sqrt(2.0 * math.pi) * steps, TOLERANCE_STEPS)), 0.0)
+        if nonlinear_parameter.name not in candidate.values[0]:  # without a grid, the prior is a normal distribution of one step about zero
             factor -= 0.5 * (values[nonlinear_parameter.name] / nonlinear_parameter.step) ** 2
     return factor
 
 
-def refit_jointly(baseline_with_effects: HyperparameterGrid, found: Sequence[RefinedEffect]) -> tuple[RefinedEffect, ...]:
+def refit_jointly(baseline_with_effects: HyperparameterGrid, effects: Sequence[RefinedEffect]) -> tuple[RefinedEffect, ...]:
     """Effects with amplitudes fitted jointly; their columns are the last of the baseline."""
-    best, count = baseline_with_effects.best, sum(len(effect.amplitudes) for effect in found)
+    best, count = baseline_with_effects.best, sum(len(effect.amplitudes) for effect in effects)
     if not count:
         return ()
     own = slice(baseline_with_effects.design.size - count, None)
     mean, covariance = best.solve(best.gradient[:, None])[own, 0], best.solve(np.eye(baseline_with_effects.design.size)[:, own])[own]
-    ends = np.cumsum([len(effect.amplitudes) for effect in found])
-    places = [slice(end - len(effect.amplitudes), end) for effect, end in zip(found, ends, strict=True)]
+    ends = np.cumsum([len(effect.amplitudes) for effect in effects])
+    places = [slice(end - len(effect.amplitudes), end) for effect, end in zip(effects, ends, strict=True)]
     return tuple(
         replace(effect, amplitudes=mean[at], covariance=covariance[at, at] + effect.parameter_covariance)
-        for effect, at in zip(found, places, strict=True)
+        for effect, at in zip(effects, places, strict=True)
     )
 
 
-class CandidateObjective(Protocol):
-    """Objective of the basis fields of a class for a fixed prior amplitude size."""
-
-    @property
-    def family(self) -> EffectClass:
-        """Which."""
-        ...
-
-    @property
-    def size_px(self) -> float:
-        """Of the amplitudes."""
-        ...
-
-    def grid(self) -> Iterable[Values]:
-        """The values that were tried."""
-        ...
-
-    def evaluate(self, values: Values) -> ProjectedField | None:
-        """Basis field at parameter values, projected on the data; None if it is not observable."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class LinearParameterSums:
-    """Precomputed sums for basis fields that are linear in their parameters.
-
-    A distortion drift has four such parameters and took two thirds of the time of all refinements.
-
-    Attributes:
-        thetas: names of the parameters.
-        information: (rungs, (1 + t) q, (1 + t) q) information: at zero parameters, then the change per unit of each parameter.
-        pull: (rungs, (1 + t) q) gradient.
-    """
-
-    thetas: tuple[str, ...]
-    information: Array
-    pull: Array
-
-    @classmethod
-    def of(cls, ladder: HyperparameterGrid, family: EffectClass) -> LinearParameterSums | None:
-        """Against all rungs; None for laws that are not linear."""
-        if not family.linear_in_parameters:
-            return None
-        scene, names = (
-            ladder.design.observation.geometry,
-            tuple(nonlinear_parameter.name for nonlinear_parameter in family.nonlinear_parameters),
-        )
-        nothing, *each = (family.law(scene, values) for values in ({}, *({name: 1.0} for name in names)))
-        assert nothing is not None  # it was seen on the grid
-        more = [displaced.field_px - nothing.field_px for displaced in each if displaced is not None]
-        return cls(names, *information(ladder, np.concatenate((nothing.field_px, *more), axis=-1)))
-
-    def rung(self, place: int) -> LinearParameterSums:
-        """Against one of the rungs."""
-        return replace(self, information=self.information[place : place + 1], pull=self.pull[place : place + 1])
-
-    def at(self, values: Values) -> ProjectedField:
-        """The law with such values."""
-        shares = np.array([[1.0, *(values[name] for name in self.thetas)]])
-        mix = np.kron(shares.T, np.eye(self.pull.shape[1] // shares.size))
-        return ProjectedField.of(mix.T @ self.information @ mix, self.pull @ mix)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Asked:
+class _PointObjective:
     """Objective for one point of the baseline grid."""
 
-    ladder: HyperparameterGrid
+    baseline: HyperparameterGrid
     family: EffectClass
     size_px: float
     sums: LinearParameterSums | None
 
     @classmethod
-    def of(cls, ladder: HyperparameterGrid, weighed: CandidateEvidence, sums: LinearParameterSums | None, at: tuple[int, int]) -> _Asked:
-        """A rung, and one of the sizes."""
-        point_grid = replace(ladder, points=(ladder.points[at[0]],))
-        return cls(point_grid, weighed.family, float(sizes_of(weighed.family)[at[1]]), sums and sums.rung(at[0]))
+    def of(
+        cls, baseline: HyperparameterGrid, candidate: CandidateEvidence, sums: LinearParameterSums | None, at: tuple[int, int]
+    ) -> _PointObjective:
+        """The objective for one point and one size, given by their indices."""
+        point_grid = replace(baseline, points=(baseline.points[at[0]],))
+        return cls(point_grid, candidate.family, float(sizes_of(candidate.family)[at[1]]), sums and sums.at_point(at[0]))
 
     def grid(self) -> Iterable[Values]:
-        return self.family.grid(self.ladder.design.observation.geometry)
+        return self.family.grid(self.baseline.design.observation.geometry)
 
-    def law(self, values: Values) -> BasisField:
-        basis_field = self.family.law(self.ladder.design.observation.geometry, values)
-        assert basis_field is not None  # it was seen on the grid
+    def basis_field(self, values: Values) -> BasisField:
+        basis_field = self.family.basis_field(self.baseline.design.observation.geometry, values)
+        assert basis_field is not None  # it was observable on the grid
         return basis_field
 
     def evaluate(self, values: Values) -> ProjectedField | None:
         if self.sums is not None:
             return self.sums.at(values)
-        basis_field = self.family.law(self.ladder.design.observation.geometry, values)
-        return None if basis_field is None else project(self.ladder, basis_field.field_px)
+        basis_field = self.family.basis_field(self.baseline.design.observation.geometry, values)
+        return None if basis_field is None else project(self.baseline, basis_field.field_px)
 
 
-def _score(objective: CandidateObjective, projected_field: ProjectedField) -> float:
-    return float(projected_field.log_factor(np.array([objective.size_px]))[0, 0])
-
-
-def _chosen(ladder: HyperparameterGrid, weighed: CandidateEvidence) -> tuple[_Asked, dict[str, float]]:
+def _choose_point(baseline: HyperparameterGrid, candidate: CandidateEvidence) -> tuple[_PointObjective, dict[str, float]]:
     """Parameters between the grid values, and the most likely smoothness and size with them.
 
-    On the grid a large jump is displaced from its true time, which only the roughest drift permits. With that drift retained, a
-    hidden jump of
-    (0.30, 0.40) px was estimated as (0.31, 0.26) px.
+    On the grid a large jump is displaced from its true time, which only the roughest drift permits. With that drift retained, a hidden jump
+    of (0.30, 0.40) px was estimated as (0.31, 0.26) px.
     """
-    (law_at, *at), sums = weighed.best, LinearParameterSums.of(ladder, weighed.family)
-    values = {nonlinear_parameter.name: 0.0 for nonlinear_parameter in weighed.family.nonlinear_parameters} | weighed.values[law_at]
-    for _ in range(CHOICES):
-        objective = _Asked.of(ladder, weighed, sums, (at[0], at[1]))
+    (field_index, *at), sums = candidate.best, LinearParameterSums.of(baseline, candidate.family)
+    values = {nonlinear_parameter.name: 0.0 for nonlinear_parameter in candidate.family.nonlinear_parameters} | candidate.values[
+        field_index
+    ]
+    for _ in range(MAX_POINT_CHOICES):
+        objective = _PointObjective.of(baseline, candidate, sums, (at[0], at[1]))
         values, before = optimise_parameters(objective, values), at
-        each = project(ladder, objective.law(values).field_px).log_factor(sizes_of(weighed.family))
-        factors = each + np.array([[point.evidence] for point in ladder.points])
+        each = project(baseline, objective.basis_field(values).field_px).log_factor(sizes_of(candidate.family))
+        factors = each + np.array([[point.evidence] for point in baseline.points])
         at = [int(value) for value in np.unravel_index(int(np.argmax(factors)), factors.shape)]
         if at == before:
             break
-    return _Asked.of(ladder, weighed, sums, (at[0], at[1])), values
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Line:
-    """Laws with one parameter on either side of a value, by the distance in steps of the grid; it ends half a step beyond the grid."""
-
-    asked: CandidateObjective
-    values: dict[str, float]
-    theta: NonlinearParameter
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, objective: CandidateObjective, values: dict[str, float], theta: NonlinearParameter) -> _Line:
-        on_grid = [value[theta.name] for value in objective.grid() if theta.name in value]
-        if not on_grid:
-            return cls(objective, values, theta, -np.inf, np.inf)
-        about = values[theta.name]
-        ways = [
-            math.log(value / about, theta.step) if theta.ratio else (value - about) / theta.step for value in (min(on_grid), max(on_grid))
-        ]
-        return cls(objective, values, theta, min(ways[0] - 0.5, 0.0), max(ways[1] + 0.5, 0.0))
-
-    def at(self, way: float) -> float:
-        start = self.values[self.theta.name]
-        return start * self.theta.step**way if self.theta.ratio else start + self.theta.step * way
-
-    def against(self, way: float) -> ProjectedField | None:
-        return self.asked.evaluate({**self.values, self.theta.name: self.at(way)})
-
-    def score(self, way: float) -> float:
-        projected_field = self.against(way)
-        return -UNOBSERVABLE_PENALTY if projected_field is None else _score(self.asked, projected_field)
-
-
-def optimise_parameters(objective: CandidateObjective, start: Values) -> dict[str, float]:
-    """Most likely parameter values between the neighbouring grid values."""
-    values = dict(start)
-    for _ in range(PASSES):
-        for theta in objective.family.nonlinear_parameters:
-            line = _Line.of(objective, values, theta)
-            found: Any = minimize_scalar(
-                lambda way, line=line: -line.score(float(way)),
-                bounds=(max(line.low, -1.0), min(line.high, 1.0)),
-                method="bounded",
-                options={"xatol": CLOSE, "maxiter": ACROSS},
-            )
-            values[theta.name] = line.at(float(found.x))
-    return values
-
-
-def parameter_uncertainty(objective: CandidateObjective, values: dict[str, float], mean: Array) -> tuple[tuple[float, ...], Array]:
-    """Standard uncertainties of the nonlinear parameters, and the resulting (q, q) covariance of the amplitudes."""
-    found = [_left_open(_Line.of(objective, values, theta), mean) for theta in objective.family.nonlinear_parameters]
-    return tuple(sigma for sigma, _ in found), np.sum([also for _, also in found] or [np.zeros((len(mean),) * 2)], axis=0)
-
-
-def _left_open(line: _Line, mean: Array) -> tuple[float, Array]:
-    """Standard uncertainty of a parameter, and the resulting (q, q) covariance of the amplitudes, integrated over its posterior.
-
-    A change of a tenth in the log onset time changes creep by a tenth. With the onset treated as known, amplitudes of creep
-    deviated by 2.2 to
-    5.5 standard uncertainties in 12 of 12 runs. The posterior is wider than the curvature at its peak indicates.
-    """
-    top = line.score(0.0)
-    bend = 2.0 * top - line.score(-NEAR) - line.score(NEAR)
-    distance = min(0.5 * NEAR / math.sqrt(bend), WIDEST) if bend > 0.0 else WIDEST
-    total, square, outer = 1.0, 0.0, np.zeros((len(mean),) * 2)
-    for way in (distance, -distance):
-        for place in range(1, REACH):
-            projected_field = line.against(way * place) if line.low <= way * place <= line.high else None
-            if projected_field is None or (score := _score(line.asked, projected_field) - top) < -POSTERIOR_LOG_DEPTH:
-                break
-            weight, leaning = math.exp(score), projected_field.amplitudes(0, line.asked.size_px)[0] - mean
-            total, square = total + weight, square + weight * (line.at(way * place) - line.at(0.0)) ** 2
-            outer += weight * np.outer(leaning, leaning)
-    return math.sqrt(square / total), outer / total
+    return _PointObjective.of(baseline, candidate, sums, (at[0], at[1])), values
 
 
 def reported_parameters(basis_field: BasisField, mean: Array, covariance: Array) -> tuple[ParameterEstimate, ...]:

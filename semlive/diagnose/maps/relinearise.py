@@ -1,9 +1,8 @@
 """Selection of the linearisation point of a run jointly with possible hidden effects.
 
-The estimate selects distortion advection, smoothness, and the distortion before any effect is identified. A tilt with load of
-0.16 px gave an advection coefficient of 0.74 +- 0.02 instead of 0. With advection the residual of the distortion exceeded the
-tilt, and three
-wrong effects were identified.
+The estimate selects distortion advection, smoothness, and the distortion before any effect is identified. A tilt with load of 0.16 px gave
+an advection coefficient of 0.74 +- 0.02 instead of 0. With advection the residual of the distortion exceeded the tilt, and three wrong
+effects were identified.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import ModelEffect
+from semlive.data.diagnosis.effects import ModelEffect
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.model_effects import fitted_amplitudes, interpolate_to_grid, subtract_effects
 from semlive.diagnose.baseline.observation import Observation, baseline_solution, make_observation
@@ -54,13 +53,13 @@ def choose_coupling(observation: Observation, families: Sequence[EffectClass], m
         families: candidate effect classes, including unnamed ones.
         model_effects: effects given by the user.
     """
-    other = _otherwise(observation)
-    if other is None:
+    alternative = _alternative_observation(observation)
+    if alternative is None:
         return CouplingChoice(observation)
-    both = parallel_map(
-        lambda candidate: CouplingChoice(candidate, Screening.run(candidate, families, model_effects)), (observation, other)
+    choices = parallel_map(
+        lambda candidate: CouplingChoice(candidate, Screening.run(candidate, families, model_effects)), (observation, alternative)
     )
-    return max(both, key=lambda candidate: candidate.best_log_evidence)
+    return max(choices, key=lambda candidate: candidate.best_log_evidence)
 
 
 def relinearise_with_effects(
@@ -82,22 +81,22 @@ def relinearise_with_effects(
     moved = np.sum([field @ amplitudes[own] for field, own in zip(fields, spans, strict=True)], axis=0)
     interpolated = interpolate_to_grid(observed, moved - moved[0], observed.grid)
     chosen, rival = baseline_solution(reset_model_selection(observed.state, lambda candidate: subtract_effects(candidate, interpolated)))
-    repeated = make_observation(_about_the_whole(chosen, observed), observed.steps, rival and _about_the_whole(rival, observed))
+    repeated = make_observation(_with_original_maps(chosen, observed), observed.steps, rival and _with_original_maps(rival, observed))
     return choose_coupling(repeated, families, model_effects)
 
 
-def _about_the_whole(solution: Solution, observation: Observation) -> Solution:
+def _with_original_maps(solution: Solution, observation: Observation) -> Solution:
     """The solution with the original maps."""
     full = {(map_rows.reference, map_rows.current): map_rows.dmap for map_rows in observation.state.rows}
     return replace(solution, state=with_maps(solution.state, lambda candidate: full[candidate.reference, candidate.current]))
 
 
-def _otherwise(observation: Observation) -> Observation | None:
+def _alternative_observation(observation: Observation) -> Observation | None:
     """Observation with the other distortion advection; None if it is not in doubt or would compare different blocks."""
     if observation.alternative_solution is None:
         return None
     try:
-        other = make_observation(observation.alternative_solution, observation.steps)
+        alternative = make_observation(observation.alternative_solution, observation.steps)
     except IllPosed:
         return None
-    return other if np.array_equal(other.valid_blocks, observation.valid_blocks) else None
+    return alternative if np.array_equal(alternative.valid_blocks, observation.valid_blocks) else None

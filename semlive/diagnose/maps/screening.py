@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import ModelEffect
+from semlive.data.diagnosis.effects import ModelEffect
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, project_candidates, score_candidates
 from semlive.diagnose.baseline.model_effects import add_model_effects
@@ -42,9 +42,9 @@ class Screening:
         Raises:
             BadInput: a given effect is unknown or not observable in these data.
         """
-        baseline, already = add_model_effects(noise_scaled_baseline(observation), model_effects)
+        baseline, model_fields = add_model_effects(noise_scaled_baseline(observation), model_effects)
         projections = project_candidates(baseline, families)
-        return cls(baseline, already, projections, refine_parameters(baseline, score_candidates(baseline, families, projections)))
+        return cls(baseline, model_fields, projections, refine_parameters(baseline, score_candidates(baseline, families, projections)))
 
     @property
     def best_log_evidence(self) -> float:

@@ -29,7 +29,7 @@ from semlive.model.effects import EffectClass
 
 MAX_EFFECTS = 3
 ALL_UNNAMED_CLASSES = (*UNNAMED_CLASSES, FINE_DISTORTION, FINE_DRIFT)
-"""What is nobody's name: fields and courses without one, and the baseline's own splines."""
+"""Candidates that are not reported as effects: unnamed fields, and terms of the baseline finer than its splines."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +37,7 @@ class Search:
     """State of the search.
 
     Attributes:
-        bare: the baseline without effects.
+        baseline: the baseline without effects.
         baseline_with_effects: the baseline with the selected effects.
         effects: the selected effects.
         initial_screening: evidence of all candidates before the first selection.
@@ -47,7 +47,7 @@ class Search:
         residual_significant: whether the remaining residual is significant.
     """
 
-    bare: HyperparameterGrid
+    baseline: HyperparameterGrid
     baseline_with_effects: HyperparameterGrid
     effects: tuple[SelectedEffect, ...]
     initial_screening: tuple[CandidateEvidence, ...]
@@ -71,56 +71,63 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
     candidates = with_draws(
         baseline, (*screening.candidates, *refine_parameters(baseline, score_candidates(baseline, fine, projections))), null, projections
     )
-    now = Search(baseline, baseline, (), candidates, (), fine, (), residual_significant=True)
+    state = Search(baseline, baseline, (), candidates, (), fine, (), residual_significant=True)
     while True:
-        loudest = max(candidates, key=lambda candidate: candidate.log_factor)
-        p_value = _p_value(candidates, loudest.log_factor) if loudest.log_factor >= SIGNIFICANT_LOG_FACTOR else 1.0
-        now = replace(now, residual_significant=p_value <= SIGNIFICANCE_LEVEL)
-        if now.residual_significant and loudest.family in now.fine_scale_candidates:
-            now = _without_coarse(now, loudest)
+        most_significant = max(candidates, key=lambda candidate: candidate.log_factor)
+        p_value = _p_value(candidates, most_significant.log_factor) if most_significant.log_factor >= SIGNIFICANT_LOG_FACTOR else 1.0
+        state = replace(state, residual_significant=p_value <= SIGNIFICANCE_LEVEL)
+        if state.residual_significant and most_significant.family in state.fine_scale_candidates:
+            state = _without_coarse(state, most_significant)
         else:
             best = max(
                 (candidate for candidate in candidates if candidate.family not in ALL_UNNAMED_CLASSES),
                 key=lambda candidate: candidate.log_factor,
                 default=None,
             )
-            if not now.residual_significant or best is None or best.log_factor < SIGNIFICANT_LOG_FACTOR or len(now.effects) == MAX_EFFECTS:
-                return now
-            now = _with_effect(now, candidates, best, p_value, dictionary, projections)
-        candidates = _heard(now, dictionary, projections, (null.noise[0].shape[1], seed))
+            if (
+                not state.residual_significant
+                or best is None
+                or best.log_factor < SIGNIFICANT_LOG_FACTOR
+                or len(state.effects) == MAX_EFFECTS
+            ):
+                return state
+            state = _with_effect(state, candidates, best, p_value, dictionary, projections)
+        candidates = _score_remaining(state, dictionary, projections, (null.noise[0].shape[1], seed))
 
 
-def _heard(
-    now: Search, dictionary: Sequence[EffectClass], projections: Mapping[str, CandidateProjection], draws: tuple[int, int]
+def _score_remaining(
+    state: Search, dictionary: Sequence[EffectClass], projections: Mapping[str, CandidateProjection], draws: tuple[int, int]
 ) -> tuple[CandidateEvidence, ...]:
     """Score the remaining candidates; null draws are computed only if a candidate is significant."""
-    families = (*(value for value in dictionary if value not in now.excluded), *UNNAMED_CLASSES, *now.fine_scale_candidates)
-    candidates = refine_parameters(now.baseline_with_effects, score_candidates(now.baseline_with_effects, families, projections))
+    families = (*(value for value in dictionary if value not in state.excluded), *UNNAMED_CLASSES, *state.fine_scale_candidates)
+    candidates = refine_parameters(state.baseline_with_effects, score_candidates(state.baseline_with_effects, families, projections))
     if max(candidate.log_factor for candidate in candidates) < SIGNIFICANT_LOG_FACTOR:
         return candidates
-    null = NullDraws.of(now.baseline_with_effects, draws[0], draws[1] + len(now.effects) + len(now.underresolved_splines))
-    return with_draws(now.baseline_with_effects, candidates, null, projections)
+    null = NullDraws.of(state.baseline_with_effects, draws[0], draws[1] + len(state.effects) + len(state.underresolved_splines))
+    return with_draws(state.baseline_with_effects, candidates, null, projections)
 
 
-def _without_coarse(now: Search, fine: CandidateEvidence) -> Search:
+def _without_coarse(state: Search, fine: CandidateEvidence) -> Search:
     """Add fine-scale terms of the splines before any named effect."""
-    baseline = add_fine_scale_terms(now.bare, fine)
+    baseline = add_fine_scale_terms(state.baseline, fine)
     baseline_with_effects, effects = rebuild_baseline(
-        baseline, now.effects, now.effects[0].unnamed_log_factor if now.effects else -math.inf
+        baseline, state.effects, state.effects[0].unnamed_log_factor if state.effects else -math.inf
     )
-    residual = tuple(fine_scale_candidate for fine_scale_candidate in now.fine_scale_candidates if fine_scale_candidate is not fine.family)
+    residual = tuple(
+        fine_scale_candidate for fine_scale_candidate in state.fine_scale_candidates if fine_scale_candidate is not fine.family
+    )
     return replace(
-        now,
+        state,
         bare=baseline,
         baseline_with_effects=baseline_with_effects,
         effects=effects,
         fine_scale_candidates=residual,
-        underresolved_splines=(*now.underresolved_splines, fine.family.name),
+        underresolved_splines=(*state.underresolved_splines, fine.family.name),
     )
 
 
 def _with_effect(
-    now: Search,
+    state: Search,
     scored: Sequence[CandidateEvidence],
     best: CandidateEvidence,
     p_value: float,
@@ -130,15 +137,15 @@ def _with_effect(
     candidates = [candidate for candidate in scored if candidate.family not in ALL_UNNAMED_CLASSES]
     rivals = tuple(candidate for candidate in candidates if candidate is not best and candidate.log_factor > best.log_factor - MIN_LOG_ODDS)
     unnamed = max(candidate.log_factor for candidate in scored if candidate.family in UNNAMED_CLASSES)
-    baseline_with_effects, effects = add_effect(now.baseline_with_effects, now.effects, best, p_value, rivals, unnamed)
-    baseline_with_effects, effects = remove_unnecessary(now.bare, baseline_with_effects, effects)
+    baseline_with_effects, effects = add_effect(state.baseline_with_effects, state.effects, best, p_value, rivals, unnamed)
+    baseline_with_effects, effects = remove_unnecessary(state.baseline, baseline_with_effects, effects)
     baseline_with_effects, effects = reselect_effects(
-        now.bare, baseline_with_effects, effects, (*dictionary, *UNNAMED_CLASSES), projections
+        state.baseline, baseline_with_effects, effects, (*dictionary, *UNNAMED_CLASSES), projections
     )
-    tried = (*now.excluded, best.family, *(effect.refined.family for effect in effects))
-    return replace(now, baseline_with_effects=baseline_with_effects, effects=effects, excluded=tried)
+    tried = (*state.excluded, best.family, *(effect.refined.family for effect in effects))
+    return replace(state, baseline_with_effects=baseline_with_effects, effects=effects, excluded=tried)
 
 
-def _p_value(candidates: Sequence[CandidateEvidence], loudest: float) -> float:
+def _p_value(candidates: Sequence[CandidateEvidence], most_significant: float) -> float:
     null = np.max([candidate.null for candidate in candidates], axis=0)
-    return (1.0 + float(np.sum(null >= loudest))) / (1.0 + len(null))
+    return (1.0 + float(np.sum(null >= most_significant))) / (1.0 + len(null))

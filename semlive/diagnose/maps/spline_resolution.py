@@ -18,9 +18,9 @@ from semlive.model.effects.run_geometry import xy_columns
 Array = NDArray[np.float64]
 
 SIZES_PX = (3e-4, 1.0)
-# A cubic spline follows waves of two of its knots not at all, and of four by nine tenths; those of a knot are waves of the frames' rows.
+# Periods in knots: a cubic spline follows a wave of two knots not at all and a wave of four by nine tenths; shorter ones are row effects.
 DRIFT_KNOTS = (1.25, 4.0)
-DISTORTION_KNOTS, SQUARES = 2.3, 2.0  # the longest waves that are finer, and the shortest that squares show
+DISTORTION_KNOTS, MIN_WAVE_BLOCKS = 2.3, 2.0  # longest wave finer than the spline, in knots, and shortest observable wave, in blocks
 
 
 def _fine_drift(scene: RunGeometry, values: Values) -> BasisField:
@@ -30,8 +30,8 @@ def _fine_drift(scene: RunGeometry, values: Values) -> BasisField:
     rates = np.arange(slowest, fastest, 1.0 / scene.end_s)
     columns = []
     for rate in rates:
-        turn, size = 2.0 * np.pi * rate * scene.time_s, rates[0] / rate
-        columns += [xy_columns(size * np.sin(turn)), xy_columns(size * np.cos(turn))]
+        phase, size = 2.0 * np.pi * rate * scene.time_s, rates[0] / rate
+        columns += [xy_columns(size * np.sin(phase)), xy_columns(size * np.cos(phase))]
     return BasisField(np.concatenate(columns, axis=-1), random_amplitude=("rms_px", "px", 1.0))
 
 
@@ -39,9 +39,9 @@ def _fine_distortion(scene: RunGeometry, values: Values) -> BasisField | None:
     """Standing waves at the scan address; None if the blocks are too large to resolve any."""
     del values
     low, high = scene.address_px.min(axis=(0, 1)), scene.address_px.max(axis=(0, 1))
-    size_px, square_px = high - low, _square_px(scene)
+    size_px, block_px = high - low, _block_distance_px(scene)
     x, y = np.moveaxis((scene.address_px - low) / size_px, -1, 0)
-    longest_px, shortest_px = DISTORTION_KNOTS * scene.distortion_knot_px, SQUARES * square_px
+    longest_px, shortest_px = DISTORTION_KNOTS * scene.distortion_knot_px, MIN_WAVE_BLOCKS * block_px
     counts = (2.0 * size_px / shortest_px).astype(int) + 1
     waves = [
         (i, j)
@@ -55,7 +55,7 @@ def _fine_distortion(scene: RunGeometry, values: Values) -> BasisField | None:
     return BasisField(np.concatenate(columns, axis=-1), random_amplitude=("rms_px", "px", 1.0))
 
 
-def _square_px(scene: RunGeometry) -> float:
+def _block_distance_px(scene: RunGeometry) -> float:
     """Distance between neighbouring blocks, px."""
     spacing_px = np.diff(np.sort(scene.address_px[0, :, 0]))
     return float(np.median(spacing_px[spacing_px > 0.1 * spacing_px.max()]))
@@ -69,8 +69,8 @@ FINE_DISTORTION = EffectClass(
 
 def fine_scale_candidates(baseline: HyperparameterGrid) -> tuple[EffectClass, ...]:
     """Candidates for components finer than the splines. Drift is included only if it wanders; a smooth drift has no fine components."""
-    belief = baseline.best.prior_choice
-    return (FINE_DISTORTION, FINE_DRIFT) if belief is not None and belief[0].random_walk_px else (FINE_DISTORTION,)
+    prior_choice = baseline.best.prior_choice
+    return (FINE_DISTORTION, FINE_DRIFT) if prior_choice is not None and prior_choice[0].random_walk_px else (FINE_DISTORTION,)
 
 
 def add_fine_scale_terms(baseline: HyperparameterGrid, candidates: CandidateEvidence) -> HyperparameterGrid:

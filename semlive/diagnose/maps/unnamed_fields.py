@@ -18,11 +18,11 @@ from semlive.model.effects.run_geometry import exponential_decay, field_column, 
 
 Array = NDArray[np.float64]
 
-SIZES_PX = (3e-4, 1.0)  # hundreds of amplitudes at once; none of them need be large
-POLYNOMIAL_ORDERS = 3  # order of the polynomials of a plain field
-WAVES, COARSE = 9, 8.0  # half waves of a finer one, and the square of those from which on they are believed smaller
+SIZES_PX = (3e-4, 1.0)  # hundreds of amplitudes, each of which may be small
+POLYNOMIAL_ORDERS = 3  # order of the polynomials of a smooth field
+WAVES, COARSE = 9, 8.0  # half waves of a finer field, and the squared wave number above which the prior amplitude decreases
 POWERS = (1.0, 2.0)
-# (x, y) -> (u, v), each alone: magnification, rotation, aspect, skew; then each entry; what goes with y; with x.
+# Linear maps (x, y) -> (u, v): magnification, rotation, aspect, skew; then each matrix element; the y column; the x column.
 LINEAR = (
     (((1, 0), (0, 1)),),
     (((0, -1), (1, 0)),),
@@ -48,7 +48,7 @@ def _each_frame(scene: RunGeometry, values: Values) -> BasisField:
             columns[frame, axis, :, axis, frame] = shapes[frame].T
     return BasisField(
         columns.reshape(-1, 2, f, b).transpose(2, 3, 1, 0), random_amplitude=("rms_px", "px", 1.0)
-    )  # a tenth of a gigabyte: as it is read
+    )  # a tenth of a gigabyte, in the order of later access
 
 
 def _plain(scene: RunGeometry) -> Array:
@@ -124,12 +124,15 @@ def _constants(scene: RunGeometry) -> Iterable[Values]:
 
 
 UNNAMED_CLASSES: tuple[EffectClass, ...] = (
-    EffectClass("smooth_field_of_each_frame", "a smooth field of its own in every frame", _each_frame, sizes_px=SIZES_PX),
+    EffectClass("smooth_field_of_each_frame", "an independent smooth field in every frame", _each_frame, sizes_px=SIZES_PX),
     EffectClass("field_that_grows", "a smooth field that grows with time, or with its square", _growing, _powers, sizes_px=SIZES_PX),
-    EffectClass("field_that_wanders", "a smooth field that wanders slowly", _wandering, sizes_px=SIZES_PX),
-    EffectClass("field_of_every_other_frame", "a smooth field that comes and goes", _alternating, sizes_px=SIZES_PX),
+    EffectClass("field_that_wanders", "a smooth field that varies slowly and randomly", _wandering, sizes_px=SIZES_PX),
+    EffectClass("field_of_every_other_frame", "a smooth field that alternates between frames", _alternating, sizes_px=SIZES_PX),
     EffectClass(
-        "rest_after_every_step", "the picture comes to rest after every step, each time in a way of its own", _after_steps, _constants
+        "rest_after_every_step",
+        "an exponential decay of the image position after every step, with independent amplitudes",
+        _after_steps,
+        _constants,
     ),
-    EffectClass("linear_map_that_wanders", "stretch, shear or rotation of any kind that wanders slowly", _linear, _maps, sizes_px=SIZES_PX),
+    EffectClass("linear_map_that_wanders", "stretch, shear or rotation that varies slowly and randomly", _linear, _maps, sizes_px=SIZES_PX),
 )

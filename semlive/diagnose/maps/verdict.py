@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import Diagnosis, DomainTest, ExperimentProposal, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws, overlap
 from semlive.diagnose.baseline.observation import Observation
@@ -28,9 +29,9 @@ from semlive.model.effects import EFFECT_CLASSES, EffectClass
 
 Array = NDArray[np.float64]
 DRAWS = 299
-# Most of a gap; see `_useful`.
+# Smallest explained fraction; see `_useful`.
 MIN_EXPLAINED_FRACTION = 0.5
-MIN_COURSE_CHANGE = 0.1  # of a block's noise
+MIN_COURSE_CHANGE = 0.1  # of the noise of a block
 
 
 def diagnose(
@@ -54,25 +55,25 @@ def diagnose(
         BadInput: a given effect is unknown or not observable in these data.
     """
     families = [family for family in dictionary if family.name not in {item.name for item in model_effects}]
-    look = SearchResult.run(
+    result = SearchResult.run(
         choose_coupling(observation, (*families, *UNNAMED_CLASSES), model_effects), families, model_effects, (draws, seed)
     )
-    if look.needs_second_pass:
-        look = _looked_again(look, families, model_effects, (draws, seed))
-    baseline, baseline_with_effects, effects = look.search.bare, look.baseline_with_effects, look.effects
+    if result.needs_second_pass:
+        result = _second_pass(result, families, model_effects, (draws, seed))
+    baseline, baseline_with_effects, effects = result.search.baseline, result.baseline_with_effects, result.effects
     gap = held_out_misfit(baseline, baseline_with_effects, seed) if effects else None
-    shares = strain_attenuation(baseline_with_effects, look.fields, len(model_effects))[len(model_effects) :]
+    shares = strain_attenuation(baseline_with_effects, result.fields, len(model_effects))[len(model_effects) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
-    verdict = _verdict(effects, look.residual_significant, gap, look.domain_tests, baseline, shares)
+    verdict = _verdict(effects, result.residual_significant, gap, result.domain_tests, baseline, shares)
     names, fields = [effect.names[0] for effect in effects], [effect.refined.field_px for effect in effects]
     pictures = figure_data(baseline, baseline_with_effects, names, fields) if effects else None
-    shared = _overlaps(baseline, effects[0].refined, look.search.initial_screening) if effects else ()
+    shared = _overlaps(baseline, effects[0].refined, result.search.initial_screening) if effects else ()
     verdict = replace(
         verdict,
         figure_data=pictures,
-        evidence=_told(look.search.initial_screening),
+        evidence=_log_factors(result.search.initial_screening),
         overlap=shared,
-        coarse=look.search.underresolved_splines,
+        coarse=result.search.underresolved_splines,
     )
     return replace(verdict, model_effects=tuple(model_effects), duration_s=observation.geometry.end_s, size_px=(width, height))
 
@@ -104,13 +105,13 @@ class SearchResult:
         """Search for effects with the given number and seed of null draws."""
         screening = run.screening or Screening.run(run.observation, (*families, *UNNAMED_CLASSES), model_effects)
         null = NullDraws.of(screening.baseline, *draws)
-        places, found = run_domain_tests(screening.baseline, null), search(screening, families, null, draws[1])
-        effects = _beside(found.baseline_with_effects, found.effects)
-        significant = found.residual_significant or _unlike(found.bare, found.baseline_with_effects, effects)
+        tests, final = run_domain_tests(screening.baseline, null), search(screening, families, null, draws[1])
+        effects = _refit_jointly(final.baseline_with_effects, final.effects)
+        significant = final.residual_significant or _alternative_more_likely(final.baseline, final.baseline_with_effects, effects)
         return cls(
-            places,
-            found,
-            found.baseline_with_effects,
+            tests,
+            final,
+            final.baseline_with_effects,
             effects,
             (*screening.model_fields, *(effect.refined.field_px for effect in effects)),
             significant,
@@ -122,46 +123,50 @@ class SearchResult:
         return bool(self.effects) and (self.residual_significant or len(self.effects) == MAX_EFFECTS)
 
 
-def _looked_again(
-    look: SearchResult, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
+def _second_pass(
+    result: SearchResult, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
 ) -> SearchResult:
     """Search at the linearisation point selected without the effects, if it differs and the data are more likely there."""
     try:
-        repeated = relinearise_with_effects(look.baseline_with_effects, look.fields, (*families, *UNNAMED_CLASSES), model_effects)
+        repeated = relinearise_with_effects(result.baseline_with_effects, result.fields, (*families, *UNNAMED_CLASSES), model_effects)
     except IllPosed:
-        return look
-    before, observed = look.baseline_with_effects.design.observation, repeated.observation
+        return result
+    before, observed = result.baseline_with_effects.design.observation, repeated.observation
     if not np.array_equal(observed.valid_blocks, before.valid_blocks):
-        return look
-    alike = observed.state.distortion.carried == before.state.distortion.carried
-    if alike and not any(_moves_otherwise(effect.refined, observed, look.baseline_with_effects) for effect in look.effects):
-        return look
+        return result
+    same_advection = observed.state.distortion.carried == before.state.distortion.carried
+    if same_advection and not any(_prediction_changes(effect.refined, observed, result.baseline_with_effects) for effect in result.effects):
+        return result
     return max(
-        (look, SearchResult.run(repeated, families, model_effects, draws)),
+        (result, SearchResult.run(repeated, families, model_effects, draws)),
         key=lambda candidate: candidate.baseline_with_effects.log_evidence,
     )
 
 
-def _moves_otherwise(effect: RefinedEffect, observation: Observation, baseline_with_effects: HyperparameterGrid) -> bool:
+def _prediction_changes(effect: RefinedEffect, observation: Observation, baseline_with_effects: HyperparameterGrid) -> bool:
     """Whether the prediction of an effect differs at another linearisation point by more than a fraction of the noise."""
-    basis_field = effect.family.law(observation.geometry, dict(effect.values))
+    basis_field = effect.family.basis_field(observation.geometry, dict(effect.values))
     if basis_field is None:
         return True
     change = (basis_field.field_px - effect.field_px) @ effect.amplitudes
     return float(np.sqrt(np.mean((change - change[0]) ** 2))) > MIN_COURSE_CHANGE * baseline_with_effects.design.whiten.sigma_px
 
 
-def _beside(baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]) -> tuple[SelectedEffect, ...]:
+def _refit_jointly(baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]) -> tuple[SelectedEffect, ...]:
     """Effects with jointly refitted amplitudes; selected effects are removed from the lists of rivals."""
     families = {effect.refined.family for effect in effects}
-    both = zip(effects, refit_jointly(baseline_with_effects, [effect.refined for effect in effects]), strict=True)
-    return tuple(replace(value, refined=refit, rivals=tuple(o for o in value.rivals if o.family not in families)) for value, refit in both)
+    refitted = zip(effects, refit_jointly(baseline_with_effects, [effect.refined for effect in effects]), strict=True)
+    return tuple(
+        replace(value, refined=refit, rivals=tuple(o for o in value.rivals if o.family not in families)) for value, refit in refitted
+    )
 
 
-def _unlike(baseline: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]) -> bool:
+def _alternative_more_likely(
+    baseline: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]
+) -> bool:
     """Whether an unnamed field or another time course is more likely than the named effects in any round."""
-    gained = np.cumsum([effect.log_bayes_factor for effect in reversed(effects)])[::-1]
-    if any(effect.unnamed_log_factor > total + MIN_LOG_ODDS for effect, total in zip(effects, gained, strict=True)):
+    remaining_factors = np.cumsum([effect.log_bayes_factor for effect in reversed(effects)])[::-1]
+    if any(effect.unnamed_log_factor > total + MIN_LOG_ODDS for effect, total in zip(effects, remaining_factors, strict=True)):
         return True
     return (
         alternative_time_course_odds(baseline_with_effects, baseline.design, [effect.refined for effect in effects])
@@ -169,7 +174,7 @@ def _unlike(baseline: HyperparameterGrid, baseline_with_effects: HyperparameterG
     )
 
 
-def _told(candidates: Sequence[CandidateEvidence]) -> tuple[tuple[str, float], ...]:
+def _log_factors(candidates: Sequence[CandidateEvidence]) -> tuple[tuple[str, float], ...]:
     return tuple((candidate.family.name, candidate.log_factor) for candidate in candidates)
 
 
@@ -178,46 +183,46 @@ def _overlaps(
 ) -> tuple[tuple[str, float], ...]:
     """Fraction of an effect that other effects, each at its most likely parameters, could explain; the largest first."""
     scene, field = baseline.design.observation.geometry, effects.field_px @ effects.amplitudes
-    found = []
+    overlaps = []
     for candidate in candidates:
         basis_field = (
             None
             if candidate.family is effects.family or candidate.family in ALL_UNNAMED_CLASSES
-            else candidate.family.law(scene, candidate.values[candidate.best[0]])
+            else candidate.family.basis_field(scene, candidate.values[candidate.best[0]])
         )
         if basis_field is not None:
-            found.append((candidate.family.name, overlap(baseline, field, basis_field.field_px)))
-    return tuple(sorted(found, key=lambda item: -item[1]))
+            overlaps.append((candidate.family.name, overlap(baseline, field, basis_field.field_px)))
+    return tuple(sorted(overlaps, key=lambda item: -item[1]))
 
 
 def _verdict(
     selected: Sequence[SelectedEffect],
     significant: bool,
     gap: HeldOutMisfit | None,
-    places: tuple[DomainTest, ...],
+    tests: tuple[DomainTest, ...],
     baseline: HyperparameterGrid,
     shares: Sequence[float],
 ) -> Diagnosis:
-    effects = tuple(_found(effect, share) for effect, share in zip(selected, shares, strict=True))
+    effects = tuple(_identified_effect(effect, share) for effect, share in zip(selected, shares, strict=True))
     noise_px = baseline.design.whiten.sigma_px
     unsure = next((effect for effect in selected if effect.rivals or len(effect.names) > 1), None)
     if not selected:
         outcome = Outcome.UNKNOWN if significant else Outcome.NONE
-    elif significant:  # what was named explains a part at best
+    elif significant:  # the identified effects explain at most a part
         outcome = Outcome.UNKNOWN
     elif gap is not None and not _useful(gap, sum(effect.log_bayes_factor for effect in selected)):
         outcome = Outcome.REJECTED
     else:
         outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
     if outcome is Outcome.AMBIGUOUS and unsure is not None:
-        among = (unsure.refined.family, *(rival.family for rival in unsure.rivals))
-        decides = next((effect.discriminating_experiment for effect in among if effect.discriminating_experiment), "more pairs")
+        candidates = (unsure.refined.family, *(rival.family for rival in unsure.rivals))
+        decides = next((effect.discriminating_experiment for effect in candidates if effect.discriminating_experiment), "more pairs")
         names = (*unsure.names, *(rival.family.name for rival in unsure.rivals))
-        return Diagnosis(outcome, effects, names, _group(among), ExperimentProposal(names, decides), gap, places, noise_px)
-    return Diagnosis(outcome, effects, (), _group([effect.refined.family for effect in selected]), None, gap, places, noise_px)
+        return Diagnosis(outcome, effects, names, _group(candidates), ExperimentProposal(names, decides), gap, tests, noise_px)
+    return Diagnosis(outcome, effects, (), _group([effect.refined.family for effect in selected]), None, gap, tests, noise_px)
 
 
-def _found(selected: SelectedEffect, share: float) -> IdentifiedEffect:
+def _identified_effect(selected: SelectedEffect, share: float) -> IdentifiedEffect:
     family, refined = selected.refined.family, selected.refined
     return IdentifiedEffect(
         selected.names[0],
@@ -240,8 +245,7 @@ def _group(families: Sequence[EffectClass]) -> str | None:
 def _useful(gap: HeldOutMisfit, log_factor: float) -> bool:
     """Whether effects remain significant after held-out pairs, and the misfit reduction is not significantly below half.
 
-    At twice the smallest detectable effect, a true effect gains 1.5 +- 1 standard errors on held-out pairs, or nothing if they
-    contain little
-    of it: creep with a log Bayes factor of 43 was rejected for a loss of 1.2.
+    At twice the smallest detectable effect, a true effect gains 1.5 +- 1 standard errors on held-out pairs, or nothing if they contain
+    little of it: creep with a log Bayes factor of 43 was rejected for a loss of 1.2.
     """
     return log_factor + min(gap.log_odds, 0.0) > SIGNIFICANT_LOG_FACTOR and gap.closure_interval[1] > MIN_EXPLAINED_FRACTION

@@ -14,11 +14,11 @@ from semlive.diagnose.rows.series import DETREND_ROWS, RowSeries
 
 Array = NDArray[np.float64]
 PERMUTATIONS = 60
-MIN_ROLL = 5  # rows: interpolation makes the noise of neighbours alike
+MIN_ROLL = 5  # rows: interpolation correlates the noise of neighbours
 SIZES = 12
-SLOWEST = 28  # rows; what is slower is taken off in part
+MAX_PERIOD_ROWS = 28  # longer periods are attenuated by detrending
 KINDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
-"""Along x, along y, or both alike."""
+"""Jitter along x, along y, or equally along both."""
 DETRENDED = DETREND_ROWS / (DETREND_ROWS - 1.0)
 
 
@@ -99,19 +99,19 @@ def common_row_variance(series: Sequence[RowSeries], seed: int) -> CommonRowVari
     for at, run_series in enumerate(series):
         for axis in (0, 1):
             shift, weight = run_series.shift_px[axis], run_series.weight[axis]
-            ratio[at, axis], freedom[at, axis], variance[at, axis] = _one(shift, weight, rng)
+            ratio[at, axis], freedom[at, axis], variance[at, axis] = _pair_variance_ratio(shift, weight, rng)
             white[at, axis] = _white(shift, weight) / variance[at, axis]
     return CommonRowVariance(ratio, freedom, variance, white, np.array([1.0 + run_series.interpolation_gain for run_series in series]))
 
 
-def _one(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, float, float]:
+def _pair_variance_ratio(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, float, float]:
     """Ratio, freedom and variance of one pair along one axis."""
     n, pieces = shift.shape
     own = _mean_square(shift, weight)
     total = weight.sum(axis=1)
     used = total > 0.0
     count = float(np.mean(total[used] ** 2 / np.sum(weight[used] ** 2, axis=1))) if used.any() else 1.0
-    if count < 2.0:  # with fewer pieces nothing tells what they share
+    if count < 2.0:  # fewer segments have no common part
         return 1.0, 1.0, 1.0
     rows = np.arange(n)[:, None]
     samples = []
@@ -122,21 +122,21 @@ def _one(shift: Array, weight: Array, rng: np.random.Generator) -> tuple[float, 
     rolled = float(np.mean(samples))
     if not rolled > 0.0:
         return 1.0, 1.0, 1.0
-    # Jitter is in the pieces too, so rolled ones still show its part of one piece in so many.
+    # Jitter is part of each segment, so rolled segments still contain a fraction 1 / count of it.
     noise = max((rolled - own / count) / (1.0 - 1.0 / count), 1e-3 * rolled)
     return own / noise, 2.0 * (rolled / float(np.std(samples, ddof=1))) ** 2, noise
 
 
 def _white(shift: Array, weight: Array) -> float:
-    """Mean square of the rows' means as the median of their spectrum tells it, which a line does not change."""
+    """Mean square of the row means from the median of their spectrum, which is robust against spectral lines."""
     total = weight.sum(axis=1)
     mean = np.sum(shift * weight, axis=1) / np.where(total > 0.0, total, 1.0)
     power = np.abs(np.fft.rfft(mean)) ** 2 / len(mean)
-    return float(np.median(power[len(mean) // SLOWEST :])) / math.log(2.0)
+    return float(np.median(power[len(mean) // MAX_PERIOD_ROWS :])) / math.log(2.0)
 
 
 def _mean_square(shift: Array, weight: Array) -> float:
-    """Of the rows' weighted means."""
+    """Mean square of the weighted row means."""
     total = weight.sum(axis=1)
     used = total > 0.0
     mean = np.sum(shift * weight, axis=1)[used] / total[used]

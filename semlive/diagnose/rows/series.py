@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from semlive.data.row_shifts import RowShifts
+from semlive.data.disparity import RowShifts
 
 Array = NDArray[np.float64]
-DETREND_ROWS = 43  # slower change is the disparity map's business
+DETREND_ROWS = 43  # slower changes are observed by the disparity maps
 CLIP = 4.5
 
 
@@ -44,30 +44,30 @@ class RowSeries:
 
     @property
     def duration_s(self) -> float:
-        """From the first row to the last."""
+        """Time from the first row to the last, s."""
         return float(np.ptp(self.row_px)) * self.row_time_s
 
     def phase(self, frequency_hz: float) -> Array:
-        """(n, s) of a wave at each piece, radians."""
+        """(n, s) phase of a wave at each segment, radians."""
         time_s = self.row_px[:, None] * self.row_time_s + self.middle_px * self.dwell_time_s
         return 2.0 * np.pi * frequency_hz * time_s
 
     def observed_wave(self, frequency_hz: Array | float) -> Array:
-        """Share of a wave's amplitude that is left when a piece averages over it."""
+        """Fraction of the amplitude of a wave that remains in the average over a segment."""
         return np.abs(np.sinc(np.asarray(frequency_hz) * self.width_px * self.dwell_time_s))
 
     def frames(self, frequency_hz: float) -> float:
-        """Of two frames with a wave of random phases, how many a pair shows in squares: 1, and what interpolation leaves of the second."""
+        """Number of frames whose wave power a pair contains, for random phases: 1 plus the fraction passed by interpolation."""
         if self.subrow_position is None:
             return 2.0
         return 1.0 + float(np.mean(interpolated(frequency_hz * self.row_time_s, self.subrow_position) ** 2))
 
     def without(self, shift_px: Array) -> RowSeries:
-        """The same with shifts (2, n, s) taken off where something is known."""
+        """The series minus shifts (2, n, s), where it has data."""
         return replace(self, shift_px=np.where(self.weight > 0.0, self.shift_px - shift_px, 0.0))
 
     def pieces(self, which: Iterable[int]) -> RowSeries:
-        """Some of the pieces alone."""
+        """The series restricted to some segments."""
         at = np.array(list(which))
         return replace(self, shift_px=self.shift_px[..., at], weight=self.weight[..., at], middle_px=self.middle_px[at])
 
@@ -82,13 +82,13 @@ def row_series(shifts: RowShifts, row_time_s: float, dwell_time_s: float) -> Row
     """
     edges = shifts.edges_px.astype(np.float64)
     valid = shifts.segment_valid
-    both = []
+    axes = []
     for value, sigma in ((shifts.segment_u_px, shifts.segment_sigma_u_px), (shifts.segment_v_px, shifts.segment_sigma_v_px)):
         weight = np.where(valid & (sigma > 0.0), 1.0 / np.where(sigma > 0.0, sigma, 1.0) ** 2, 0.0)
-        both.append((_fast(np.where(weight > 0.0, value, 0.0), weight), weight))
+        axes.append((_fast(np.where(weight > 0.0, value, 0.0), weight), weight))
     return RowSeries(
-        np.stack([value for value, _ in both]),
-        np.stack([weight for _, weight in both]),
+        np.stack([value for value, _ in axes]),
+        np.stack([weight for _, weight in axes]),
         shifts.row_px.astype(np.float64),
         0.5 * (edges[:-1] + edges[1:] - 1.0),
         float(np.mean(np.diff(edges))),
@@ -100,9 +100,10 @@ def row_series(shifts: RowShifts, row_time_s: float, dwell_time_s: float) -> Row
 
 
 def interpolated(per_row: float, between: Array) -> Array:
-    """What cubic B-spline interpolation at places between rows leaves of a wave of so many cycles per row: all on a row, little between.
+    """Amplitude ratio of a wave after cubic B-spline interpolation between rows, for a frequency in cycles per row; 1 on a row.
 
-    Near half a cycle per row this is most of it: a vibration of 23.7 Hz at rows of 0.107 s was estimated a fifth too small.
+    The attenuation is largest near half a cycle per row. Without it a vibration of 23.7 Hz at a row time of 0.107 s was estimated a fifth
+    too small.
     """
     t = np.asarray(between, dtype=np.float64)
     before, after = 1.0 - t, t
@@ -113,7 +114,7 @@ def interpolated(per_row: float, between: Array) -> Array:
 
 
 def _fast(value: Array, weight: Array) -> Array:
-    """(n, s) less its weighted running mean along the rows, clipped to what noise can do."""
+    """(n, s) values minus their weighted running mean along the rows, clipped to the range of noise."""
     mean = uniform_filter1d(value * weight, DETREND_ROWS, axis=0, mode="nearest")
     size = uniform_filter1d(weight, DETREND_ROWS, axis=0, mode="nearest")
     fast = np.where(weight > 0.0, value - mean / np.where(size > 0.0, size, 1.0), 0.0)

@@ -1,4 +1,4 @@
-"""The row channel's verdict: waves by their frequency, jitter by what the pieces of a row have in common."""
+"""Verdict on the rows: waves by their frequency, jitter by the common shift of the segments of a row."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import gamma
 
-from semlive.data.diagnosis import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate, RowDiagnosis
+from semlive.data.diagnosis.channels import RowDiagnosis
+from semlive.data.diagnosis.effects import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.rows.cross_validation import held_out_row_misfit, is_useful
 from semlive.diagnose.rows.jitter import CommonRowVariance, common_row_variance
@@ -19,14 +20,14 @@ from semlive.errors import IllPosed
 from semlive.model.effects.rows import PERIODIC_EFFECTS, ROW_JITTER, RowEffectClass
 
 Array = NDArray[np.float64]
-MOST = 5  # waves
+MAX_WAVES = 5  # waves
 MAX_SPECTRUM_POINTS = 400
-LEAST_ROWS = 100
+MIN_ROWS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentifiedWave:
-    """A wave, and what was said of it when it was found."""
+    """A wave with its statistics at the time of selection."""
 
     family: RowEffectClass
     wave: Wave
@@ -36,8 +37,8 @@ class IdentifiedWave:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Heard:
-    """All that can be asked of rows once."""
+class _Screening:
+    """One evaluation of all row tests."""
 
     series: tuple[RowSeries, ...]
     common: CommonRowVariance
@@ -45,11 +46,11 @@ class _Heard:
     odds: dict[str, float]
 
     @property
-    def jitters(self) -> bool:
+    def has_jitter(self) -> bool:
         return self.odds[ROW_JITTER.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * self.common.p_value() <= SIGNIFICANCE_LEVEL
 
-    def loudest(self) -> tuple[RowEffectClass, int, float]:
-        """The likeliest wave: its name, its place in the spectrum and its p-value."""
+    def most_significant(self) -> tuple[RowEffectClass, int, float]:
+        """The most likely wave: its class, its index in the spectrum and its p-value."""
         family = max(PERIODIC_EFFECTS, key=lambda candidate: self.odds[candidate.name])
         own = matching_frequencies(self.spectrum, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
         at = int(own[np.argmax(self.spectrum.total[own])])
@@ -57,30 +58,30 @@ class _Heard:
 
 
 def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, model_effects: Sequence[ModelEffect] = ()) -> RowDiagnosis:
-    """What rows show beyond the disparity maps.
+    """Identify effects that row registration observes and disparity maps do not.
 
     Args:
-        series: of each pair.
-        seed: of the rolls that are the null.
-        model_effects: effects of rows that the model has already.
+        series: row series of each pair.
+        seed: seed of the random rolls for the null distribution.
+        model_effects: row effects already in the model.
 
     Raises:
         IllPosed: there are too few rows.
     """
-    if not series or min(len(run_series.row_px) for run_series in series) < LEAST_ROWS:
-        raise IllPosed(f"rows: fewer than {LEAST_ROWS} in a frame, too few to name anything")
+    if not series or min(len(run_series.row_px) for run_series in series) < MIN_ROWS:
+        raise IllPosed(f"rows: fewer than {MIN_ROWS} in a frame, too few to identify an effect")
     residual_series = tuple(series)
     for model_effect in model_effects:
         frequency_hz = dict(model_effect.values).get("frequency_hz")
         if frequency_hz is not None:
             residual_series = _without(residual_series, fit_wave(residual_series, frequency_hz))
     already = {model_effect.name for model_effect in model_effects}
-    first = screening = _hear(residual_series, seed)
+    first = screening = _screen(residual_series, seed)
     waves: list[IdentifiedWave] = []
     while True:
-        family, at, p_value = screening.loudest()
+        family, at, p_value = screening.most_significant()
         significant = screening.odds[family.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * p_value <= SIGNIFICANCE_LEVEL
-        if not significant or len(waves) == MOST:
+        if not significant or len(waves) == MAX_WAVES:
             break
         rivals = tuple(
             effect_class.name
@@ -89,51 +90,51 @@ def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, model_effects: Seq
         )
         wave = refined(screening.series, screening.spectrum, at)
         waves.append(IdentifiedWave(family, wave, screening.odds[family.name], min(1.0, 2.0 * p_value), rivals))
-        screening = _hear(_without(screening.series, wave), seed)
-    jitters = screening.jitters and ROW_JITTER.name not in already
-    return _verdict(first, screening, waves, jitters, significant)
+        screening = _screen(_without(screening.series, wave), seed)
+    has_jitter = screening.has_jitter and ROW_JITTER.name not in already
+    return _verdict(first, screening, waves, has_jitter, significant)
 
 
-def _hear(series: tuple[RowSeries, ...], seed: int) -> _Heard:
-    shared = common_row_variance(series, seed)
-    odds = {ROW_JITTER.name: shared.log_factor(ROW_JITTER.sizes_px)}
-    found = spectrum(series, shared.levels())
+def _screen(series: tuple[RowSeries, ...], seed: int) -> _Screening:
+    common = common_row_variance(series, seed)
+    odds = {ROW_JITTER.name: common.log_factor(ROW_JITTER.sizes_px)}
+    power_spectrum = spectrum(series, common.levels())
     for family in PERIODIC_EFFECTS:
-        own = matching_frequencies(found, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
-        each = found.log_factors(family.sizes_px)[own]
+        own = matching_frequencies(power_spectrum, family.matches_frequency) if family.matches_frequency else np.zeros(0, dtype=np.int64)
+        each = power_spectrum.log_factors(family.sizes_px)[own]
         odds[family.name] = float(np.logaddexp.reduce(each) - np.log(len(each))) if len(each) else -np.inf
-    return _Heard(series, shared, found, odds)
+    return _Screening(series, common, power_spectrum, odds)
 
 
 def _without(series: Sequence[RowSeries], wave: Wave) -> tuple[RowSeries, ...]:
     return tuple(run_series.without(wave.moved(pair, run_series)) for pair, run_series in enumerate(series))
 
 
-def _verdict(first: _Heard, last: _Heard, waves: Sequence[IdentifiedWave], jitters: bool, significant: bool) -> RowDiagnosis:
+def _verdict(first: _Screening, last: _Screening, waves: Sequence[IdentifiedWave], has_jitter: bool, significant: bool) -> RowDiagnosis:
     effects = list(_effects_of_waves(waves))
-    if jitters:
+    if has_jitter:
         effects.append(_jitter(last))
-    gap = held_out_row_misfit(first.series, [wave.wave for wave in waves], last.common if jitters else None) if effects else None
-    unsure = next((wave for wave in waves if wave.rivals), None)
-    if significant:  # as many waves as are looked for, and still one more
+    gap = held_out_row_misfit(first.series, [wave.wave for wave in waves], last.common if has_jitter else None) if effects else None
+    undecided = next((wave for wave in waves if wave.rivals), None)
+    if significant:  # a further wave beyond the maximum number
         outcome = Outcome.UNKNOWN
     elif not effects:
         outcome = Outcome.NONE
     elif gap is not None and not is_useful(gap):
         outcome = Outcome.REJECTED
     else:
-        outcome = Outcome.AMBIGUOUS if unsure else Outcome.IDENTIFIED
-    among_names = (unsure.family.name, *unsure.rivals) if unsure is not None and outcome is Outcome.AMBIGUOUS else ()
+        outcome = Outcome.AMBIGUOUS if undecided else Outcome.IDENTIFIED
+    names = (undecided.family.name, *undecided.rivals) if undecided is not None and outcome is Outcome.AMBIGUOUS else ()
     noise_px = float(np.sqrt(np.mean(first.common.variance_px2)))
     frequency_hz, power = _thinned(first.spectrum)
     return RowDiagnosis(
-        outcome, tuple(effects), among_names, gap, _where(first), tuple(first.odds.items()), len(first.series),
-        max(len(run_series.row_px) for run_series in first.series), noise_px, frequency_hz, power, _loud_power(first.spectrum),
+        outcome, tuple(effects), names, gap, _where(first), tuple(first.odds.items()), len(first.series),
+        max(len(run_series.row_px) for run_series in first.series), noise_px, frequency_hz, power, _detection_threshold(first.spectrum),
     )  # fmt: skip
 
 
-def _where(screening: _Heard) -> tuple[DomainTest, ...]:
-    """The two tests, family-wise over both."""
+def _where(screening: _Screening) -> tuple[DomainTest, ...]:
+    """The two domain tests, with family-wise p-values."""
     at = int(np.argmax(screening.spectrum.total))
     excess = np.clip(screening.spectrum.power[:, at] - 1.0, 0.0, None) / screening.spectrum.information[:, at]
     waves_px = float(np.sqrt(np.mean(excess)))
@@ -145,13 +146,13 @@ def _where(screening: _Heard) -> tuple[DomainTest, ...]:
 
 
 def _effects_of_waves(waves: Sequence[IdentifiedWave]) -> tuple[IdentifiedEffect, ...]:
-    """One effect for each name; further waves of the mains are its overtones, further vibrations effects of their own."""
-    found: list[IdentifiedEffect] = []
+    """One effect per class; further waves of a class add their parameters to it."""
+    effects: list[IdentifiedEffect] = []
     for wave in waves:
         amplitudes = [_amplitude(wave.wave, axis) for axis in (0, 1)]
         size_px = float(np.hypot(amplitudes[0][0], amplitudes[1][0]))
-        index = next((at for at, had in enumerate(found) if had.name == wave.family.name), None)
-        overtones = () if index is None else found[index].parameters
+        index = next((at for at, previous in enumerate(effects) if previous.name == wave.family.name), None)
+        overtones = () if index is None else effects[index].parameters
         more = f"_{len(overtones) // 3 + 1}" if overtones else ""
         parameters = (
             *overtones,
@@ -162,20 +163,20 @@ def _effects_of_waves(waves: Sequence[IdentifiedWave]) -> tuple[IdentifiedEffect
         values = tuple((item.name, item.value) for item in parameters if item.unit == "Hz")
         model_effect = ModelEffect(wave.family.name, values, size_px)
         if index is None:
-            found.append(IdentifiedEffect(wave.family.name, parameters, size_px, wave.log_factor, wave.p_value, False, model_effect))
+            effects.append(IdentifiedEffect(wave.family.name, parameters, size_px, wave.log_factor, wave.p_value, False, model_effect))
         else:
-            had = found[index]
-            found[index] = IdentifiedEffect(
-                had.name, parameters, had.peak_px + size_px, had.log_bayes_factor, had.p_value, False, model_effect
+            previous = effects[index]
+            effects[index] = IdentifiedEffect(
+                previous.name, parameters, previous.peak_px + size_px, previous.log_bayes_factor, previous.p_value, False, model_effect
             )
-    return tuple(found)
+    return tuple(effects)
 
 
 def _amplitude(wave: Wave, axis: int) -> tuple[float, float]:
-    """Of the beam, and its standard uncertainty, from the differences of frames.
+    """Amplitude of the beam deflection and its standard uncertainty, from differences of frames, px.
 
-    Where phases of frames are as good as random, a pair shows A sqrt(2 - 2 cos), whose square is 2 A^2 on average and scatters by
-    0.71 of that. Pairs that all show the same share one phase difference, and tell as much as one.
+    With random phases of the frames a pair has the amplitude A sqrt(2 - 2 cos), with a mean square of 2 A^2 and a scatter of 0.71 of that.
+    Pairs with equal amplitudes share one phase difference and count as one pair.
     """
     square = 2.0 * np.abs(wave.amplitude[:, axis]) ** 2 / wave.frames
     noise = 4.0 * wave.sigma_px[:, axis] ** 2 / wave.frames
@@ -191,10 +192,11 @@ def _amplitude(wave: Wave, axis: int) -> tuple[float, float]:
     return size, float(0.5 * sigma2 / (2.0 * size))
 
 
-def _jitter(screening: _Heard) -> IdentifiedEffect:
+def _jitter(screening: _Screening) -> IdentifiedEffect:
     sd, sigma = screening.common.jitter_px()
     parameters = tuple(
-        ParameterEstimate(f"sd_{axis}_px", float(value), float(unsure), "px") for axis, value, unsure in zip("xy", sd, sigma, strict=True)
+        ParameterEstimate(f"sd_{axis}_px", float(value), float(undecided), "px")
+        for axis, value, undecided in zip("xy", sd, sigma, strict=True)
     )
     size_px = float(np.hypot(*sd))
     p_value = min(1.0, 2.0 * screening.common.p_value())
@@ -209,14 +211,14 @@ def _jitter(screening: _Heard) -> IdentifiedEffect:
     )
 
 
-def _thinned(found: Spectrum) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The largest power in each of some hundred equal bands."""
-    power = found.total / len(found.power)
+def _thinned(power_spectrum: Spectrum) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Frequency and value of the largest power in each of up to `MAX_SPECTRUM_POINTS` equal bands."""
+    power = power_spectrum.total / len(power_spectrum.power)
     bands = np.array_split(np.arange(len(power)), min(MAX_SPECTRUM_POINTS, len(power)))
     peaks = [int(band[np.argmax(power[band])]) for band in bands if len(band)]
-    return tuple(float(found.frequency_hz[at]) for at in peaks), tuple(float(power[at]) for at in peaks)
+    return tuple(float(power_spectrum.frequency_hz[at]) for at in peaks), tuple(float(power[at]) for at in peaks)
 
 
-def _loud_power(found: Spectrum) -> float:
-    k = len(found.power)
-    return float(gamma.isf(0.5 * SIGNIFICANCE_LEVEL / len(found.frequency_hz), k)) / k
+def _detection_threshold(power_spectrum: Spectrum) -> float:
+    k = len(power_spectrum.power)
+    return float(gamma.isf(0.5 * SIGNIFICANCE_LEVEL / len(power_spectrum.frequency_hz), k)) / k

@@ -1,1 +1,1 @@
-"""Effects that load, extension and stage readings show."""
+"""Diagnosis of scalar readings: load cell, strain gage and stage."""

@@ -1,4 +1,4 @@
-"""The load's channel: what the load cell said, beside the strain that maps show and beside the time."""
+"""Diagnosis of the load cell: its readings against the strain of the maps and against time."""
 
 from __future__ import annotations
 
@@ -10,16 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from semlive.data.diagnosis import (
-    Diagnosis,
-    DomainTest,
-    ExperimentProposal,
-    HeldOutMisfit,
-    IdentifiedEffect,
-    ModelEffect,
-    Outcome,
-    ParameterEstimate,
-)
+from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal
 from semlive.data.experiment import Phase
 from semlive.diagnose.baseline.observation import Observation, StepConditions
 from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
@@ -28,25 +20,25 @@ from semlive.model.effects.load_cell import CLOCK, DRIFT, FRICTION, LOADS, ZERO,
 
 Array = NDArray[np.float64]
 MIN_RELATIVE_LOAD = 1e-3
-"""Of the largest load. Cells are classed by half a thousandth of their range and more: less is no effect but a load cell."""
-MIN_LOADS_FOR_CURVATURE = 6  # loaded pairs from which on stress may bend over strain
+"""Smallest reported effect relative to the largest load; accuracy classes of load cells begin at half of this."""
+MIN_LOADS_FOR_CURVATURE = 6  # minimum number of loaded pairs for a quadratic term of stress over strain
 _CLOCK_SIZE_S = 60.0
 _RESAMPLED = 999
-_TELLS = {ZERO.name: ("zero_n", "N"), DRIFT.name: ("rate_n_per_s", "N/s"), FRICTION.name: ("friction_n", "N")}
+_PARAMETERS = {ZERO.name: ("zero_n", "N"), DRIFT.name: ("rate_n_per_s", "N/s"), FRICTION.name: ("friction_n", "N")}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadReadings:
-    """The load of each pair, and what else was known of it.
+    """Load and strain of each pair.
 
     Attributes:
         time_s: (n,) middle of the pair, since the start of frame 0.
-        load_n: (n,) mean reading while it was scanned.
-        strain: (n,) mean axial strain since frame 0; 0 of pairs that nothing was loaded for.
-        strain_covariance: (n, n) of it; what frame 0 and the distortion leave open, all loads share.
+        load_n: (n,) mean reading during the scans, N.
+        strain: (n,) mean axial strain since frame 0; 0 for pairs without load.
+        strain_covariance: (n, n) covariance of the strain; the part by frame 0 and the distortion is common to all loads.
         loaded: (n,) whether the specimen was under load.
         loading_direction: (n,) sign of the last change of the load, 0 before the first.
-        half_px: half of the frame's extent along the load.
+        half_px: half of the frame size along the load, px.
     """
 
     time_s: Array
@@ -59,12 +51,12 @@ class LoadReadings:
 
     @property
     def largest_n(self) -> float:
-        """The largest load that was read."""
+        """The largest reading, N."""
         return float(np.abs(self.load_n).max(initial=0.0))
 
 
 def load_readings(observation: Observation, steps: Sequence[StepConditions], loading_axis: str) -> LoadReadings:
-    """Of all pairs of a run whose image axis `loading_axis` is pulled."""
+    """Load readings of all pairs of a run with the load along the image axis `loading_axis`."""
     solution = observation.solution
     state, part, axis = solution.state, solution.part("motion"), "xy".index(loading_axis)
     time_s = np.array([0.5 * sum(state.frame_time(2 * step.pair + member).start_s for member in (0, 1)) for step in steps])
@@ -77,31 +69,31 @@ def load_readings(observation: Observation, steps: Sequence[StepConditions], loa
             strain[at] = state.motions.shift_and_gradient(step.pair, part)[1][axis, axis]
             rows[at, first + state.motions.part(step.pair)[0].start + (1, 5)[axis]] = 1.0
     half_px = float(state.centre_px[axis])
-    return LoadReadings(time_s, load_n, strain, solution.covariance_of(rows), loaded, _ways(load_n, loaded), half_px)
+    return LoadReadings(time_s, load_n, strain, solution.covariance_of(rows), loaded, _loading_directions(load_n, loaded), half_px)
 
 
-def _ways(load_n: Array, loaded: NDArray[np.bool_]) -> Array:
-    """(n,) sign of the last change, by load steps: what a load does between two pairs of one step is no change."""
-    way, last = np.zeros(len(load_n)), 0.0
+def _loading_directions(load_n: Array, loaded: NDArray[np.bool_]) -> Array:
+    """(n,) sign of the last load step; changes between two pairs of one step do not count."""
+    direction, last = np.zeros(len(load_n)), 0.0
     for at in range(1, len(load_n)):
         change = load_n[at] - load_n[at - 1]
         if (loaded[at] or loaded[at - 1]) and abs(change) > 0.01 * np.abs(load_n).max():
             last = float(np.sign(change))
-        way[at] = last
-    return way
+        direction[at] = last
+    return direction
 
 
-def add_load_cell_evidence(found: Diagnosis, readings: LoadReadings) -> Diagnosis:
-    """The verdict with what the load cell does beside it.
+def add_load_cell_evidence(verdict: Diagnosis, readings: LoadReadings) -> Diagnosis:
+    """Add the evidence of the load cell to a verdict.
 
-    Unloaded, a cell reads its zero and how that wanders; loaded, what it reads follows strain in a line, or a parabola where there are
-    enough loads, from the same zero. Drift, friction and zero are each asked beside the others.
+    Without load, the readings are the zero of the cell and its drift. Under load, they are a linear function of strain, or a quadratic one
+    if there are enough loads, with the same zero. Zero, drift and friction are each tested jointly with the others.
     """
-    already = {model_effect.name for model_effect in (*found.model_effects, *found.effects)}
+    already = {model_effect.name for model_effect in (*verdict.model_effects, *verdict.effects)}
     tests = {family.name: _test(readings, family) for family in LOADS}
     valid_tests = {name: test for name, test in tests.items() if test is not None}
     if not valid_tests:
-        return found
+        return verdict
     p_value = min(1.0, len(valid_tests) * min(test.p_value for test in valid_tests.values()))
     significant = [
         test for test in valid_tests.values()
@@ -110,9 +102,9 @@ def add_load_cell_evidence(found: Diagnosis, readings: LoadReadings) -> Diagnosi
         and len(valid_tests) * test.p_value <= SIGNIFICANCE_LEVEL
         and test.matters
     ]  # fmt: skip
-    where = (*found.where, DomainTest("load_readings", p_value, max(test.size_px for test in valid_tests.values())))
+    where = (*verdict.where, DomainTest("load_readings", p_value, max(test.size_px for test in valid_tests.values())))
     evidence = tuple((name, test.log_factor) for name, test in valid_tests.items())
-    merged = replace(found, where=where, evidence=(*found.evidence, *evidence))
+    merged = replace(verdict, where=where, evidence=(*verdict.evidence, *evidence))
     merged = replace(merged, gap=merged.gap or _gap(readings, [test.family.name for test in significant]))
     return merge_effects(
         merged,
@@ -123,20 +115,20 @@ def add_load_cell_evidence(found: Diagnosis, readings: LoadReadings) -> Diagnosi
 
 
 def load_offsets(readings: LoadReadings, names: Sequence[str]) -> dict[str, Array]:
-    """By name (n,) N that effects of the load cell add to the readings, each fitted to them; those that they cannot show are left out."""
+    """(n,) fitted contribution of load cell effects to the readings by name, N; unobservable effects are left out."""
     own, _ = _columns(readings)
     valid_tests = {family.name: _test(readings, family) for family in LOADS if family.name in names}
     return {name: test.term.value * own[name] for name, test in valid_tests.items() if test is not None}
 
 
-def add_clock_evidence(found: Diagnosis, offset_s: float, sigma_s: float) -> Diagnosis:
-    """The verdict with the microscope's clock beside it: what it is ahead of what was stated, s, and the standard uncertainty."""
-    if CLOCK.name in {model_effect.name for model_effect in found.model_effects}:
-        return found
+def add_clock_evidence(verdict: Diagnosis, offset_s: float, sigma_s: float) -> Diagnosis:
+    """Add the evidence of the microscope's clock: its offset from the configured one and the standard uncertainty, s."""
+    if CLOCK.name in {model_effect.name for model_effect in verdict.model_effects}:
+        return verdict
     visible = (_CLOCK_SIZE_S / sigma_s) ** 2
     odds = 0.5 * (offset_s / sigma_s) ** 2 * visible / (1.0 + visible) - 0.5 * math.log1p(visible)
     p_value = math.erfc(abs(offset_s) / sigma_s / math.sqrt(2.0))
-    merged = replace(found, evidence=(*found.evidence, (CLOCK.name, odds)))
+    merged = replace(verdict, evidence=(*verdict.evidence, (CLOCK.name, odds)))
     if odds < SIGNIFICANT_LOG_FACTOR or p_value > SIGNIFICANCE_LEVEL:
         return merged
     parameters = (ParameterEstimate("offset_s", offset_s, sigma_s, "s"),)
@@ -145,23 +137,23 @@ def add_clock_evidence(found: Diagnosis, offset_s: float, sigma_s: float) -> Dia
 
 
 def merge_effects(
-    found: Diagnosis, effects: list[IdentifiedEffect], rivals: list[tuple[str, ...]], families: list[LoadEffectClass]
+    verdict: Diagnosis, effects: list[IdentifiedEffect], rivals: list[tuple[str, ...]], families: list[LoadEffectClass]
 ) -> Diagnosis:
-    """With effects that other channels do not speak of: what they left open stays open."""
-    found = replace(found, effects=(*found.effects, *effects))
-    unsure = next((at for at, rival in enumerate(rivals) if rival), None)
-    if not effects or found.outcome not in (Outcome.NONE, Outcome.IDENTIFIED):
-        return found
-    if unsure is None:
-        return replace(found, outcome=Outcome.IDENTIFIED, group=found.group or families[0].group)
-    names = (effects[unsure].name, *rivals[unsure])
-    decides = ExperimentProposal(names, families[unsure].discriminating_experiment)
-    return replace(found, outcome=Outcome.AMBIGUOUS, ambiguous=names, group=families[unsure].group, experiment=decides)
+    """Add effects of scalar readings; an outcome other than NONE or IDENTIFIED remains."""
+    verdict = replace(verdict, effects=(*verdict.effects, *effects))
+    undecided = next((at for at, rival in enumerate(rivals) if rival), None)
+    if not effects or verdict.outcome not in (Outcome.NONE, Outcome.IDENTIFIED):
+        return verdict
+    if undecided is None:
+        return replace(verdict, outcome=Outcome.IDENTIFIED, group=verdict.group or families[0].group)
+    names = (effects[undecided].name, *rivals[undecided])
+    proposal = ExperimentProposal(names, families[undecided].discriminating_experiment)
+    return replace(verdict, outcome=Outcome.AMBIGUOUS, ambiguous=names, group=families[undecided].group, experiment=proposal)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Test:
-    """A term of the readings: its value, how much it explains, and what it amounts to."""
+    """Test of one term of the readings."""
 
     family: LoadEffectClass
     term: RegressionTerm
@@ -173,42 +165,42 @@ class _Test:
     rivals: tuple[str, ...]
 
     def effect(self, tests: int) -> IdentifiedEffect:
-        name, unit = _TELLS[self.family.name]
+        name, unit = _PARAMETERS[self.family.name]
         parameters = (ParameterEstimate(name, self.term.value, self.term.sigma, unit),)
         model_effect = ModelEffect(self.family.name, (), self.size_n)
         return IdentifiedEffect(self.family.name, parameters, 0.0, self.log_factor, min(1.0, tests * self.p_value), False, model_effect)
 
 
 def _test(readings: LoadReadings, family: LoadEffectClass) -> _Test | None:
-    """F-test of a term beside the others; None where these readings cannot show it, or nothing was read."""
+    """F-test of a term jointly with the others; None if the readings do not determine it."""
     own, base = _columns(readings)
     if family.name not in own or not readings.largest_n > 0.0:
         return None
-    stiff_n, covariance = _scales(readings)
+    stiffness_n, covariance = _scales(readings)
     factor = np.linalg.cholesky(covariance)
     other_columns = [column for name, column in own.items() if name != family.name]
     columns = np.stack([*base, *other_columns, np.zeros(len(factor)), own[family.name], readings.load_n], axis=-1)
     white = solve_triangular(factor, columns, lower=True)
-    found = limit_precision(term(white[:, -2], white[:, -1], orthonormal_basis(white[:, :-2], 1e-12)))
-    result = None if found is None else f_test([found])
-    if found is None or result is None:
+    tested = limit_precision(term(white[:, -2], white[:, -1], orthonormal_basis(white[:, :-2], 1e-12)))
+    result = None if tested is None else f_test([tested])
+    if tested is None or result is None:
         return None
-    size_n = abs(found.value) * float(np.ptp(own[family.name])) if family is DRIFT else abs(found.value)
-    size_px = size_n / stiff_n * readings.half_px if stiff_n > 0.0 else 0.0
+    size_n = abs(tested.value) * float(np.ptp(own[family.name])) if family is DRIFT else abs(tested.value)
+    size_px = size_n / stiffness_n * readings.half_px if stiffness_n > 0.0 else 0.0
     matters = size_n > MIN_RELATIVE_LOAD * readings.largest_n
-    return _Test(family, found, *result, size_n, size_px, matters, _rivals(readings, family, found))
+    return _Test(family, tested, *result, size_n, size_px, matters, _rivals(readings, family, tested))
 
 
-def limit_precision(found: RegressionTerm | None) -> RegressionTerm | None:
-    """A term no surer than the readings' own uncertainties have it: unloaded ones that are all exactly 0 say no more for that."""
-    if found is None or found.residual_ss >= found.degrees_of_freedom:
-        return found
-    wider = math.sqrt(found.degrees_of_freedom / max(found.residual_ss, 1e-30))
-    return replace(found, sigma=found.sigma * wider, residual_ss=float(found.degrees_of_freedom))
+def limit_precision(tested: RegressionTerm | None) -> RegressionTerm | None:
+    """The term with an uncertainty of at least that of the readings; exactly constant readings do not make it more precise."""
+    if tested is None or tested.residual_ss >= tested.degrees_of_freedom:
+        return tested
+    variance_ratio = math.sqrt(tested.degrees_of_freedom / max(tested.residual_ss, 1e-30))
+    return replace(tested, sigma=tested.sigma * variance_ratio, residual_ss=float(tested.degrees_of_freedom))
 
 
 def _columns(readings: LoadReadings) -> tuple[dict[str, Array], list[Array]]:
-    """What each effect adds to the readings, and what they follow without any."""
+    """Columns of the readings: of each effect by name, and of the baseline without effects."""
     loaded = readings.loaded.astype(np.float64)
     own = {ZERO.name: np.ones(len(loaded)), DRIFT.name: readings.time_s - readings.time_s[0]}
     if not loaded.any():
@@ -222,66 +214,66 @@ def _columns(readings: LoadReadings) -> tuple[dict[str, Array], list[Array]]:
 
 
 def _scales(readings: LoadReadings) -> tuple[float, Array]:
-    """The specimen's stiffness, N for a strain of 1, and the (n, n) covariance of the readings beside it.
+    """Stiffness of the specimen, N per unit strain, and the (n, n) covariance of the readings relative to the strain.
 
-    A reading scatters as unloaded ones do about their line; beside strain it scatters by the strain's own uncertainty too. That is partly
-    shared: a run of images whose strains were all off alike was named friction.
+    Readings scatter like unloaded ones about their line, and under load also by the uncertainty of the strain. That uncertainty is partly
+    common to all loads: without this a run with a common strain error was identified as friction.
     """
     baseline, loaded = ~readings.loaded, readings.loaded
-    at_rest = 1e-3 * max(readings.largest_n, 1e-6)
+    unloaded_sigma_n = 1e-3 * max(readings.largest_n, 1e-6)
     if int(baseline.sum()) > 3:
         line = np.polynomial.Polynomial.fit(readings.time_s[baseline], readings.load_n[baseline], 1)
         residual = readings.load_n[baseline] - line(readings.time_s[baseline])
-        at_rest = max(float(np.sqrt(residual @ residual / (int(baseline.sum()) - 2))), 1e-6 * max(readings.largest_n, 1e-6))
-    stiff_n = 0.0
+        unloaded_sigma_n = max(float(np.sqrt(residual @ residual / (int(baseline.sum()) - 2))), 1e-6 * max(readings.largest_n, 1e-6))
+    stiffness_n = 0.0
     if loaded.any() and np.ptp(readings.strain[loaded]) > 0.0:
-        stiff_n = float(np.polyfit(readings.strain[loaded], readings.load_n[loaded], 1)[0]) if int(loaded.sum()) > 1 else 0.0
-    return stiff_n, at_rest**2 * np.eye(len(readings.load_n)) + stiff_n**2 * readings.strain_covariance
+        stiffness_n = float(np.polyfit(readings.strain[loaded], readings.load_n[loaded], 1)[0]) if int(loaded.sum()) > 1 else 0.0
+    return stiffness_n, unloaded_sigma_n**2 * np.eye(len(readings.load_n)) + stiffness_n**2 * readings.strain_covariance
 
 
 def _gap(readings: LoadReadings, names: list[str]) -> HeldOutMisfit | None:
-    """How well each reading is foretold by all others, without and with the effects, as the displacement that it stands for."""
+    """Misfit of each reading predicted from all others, without and with the effects, as displacement at the edge of the frame."""
     own, base = _columns(readings)
-    stiff_n, covariance = _scales(readings)
+    stiffness_n, covariance = _scales(readings)
     sigma_n = np.sqrt(np.diag(covariance))
-    if not names or not base or stiff_n <= 0.0:
+    if not names or not base or stiffness_n <= 0.0:
         return None
     required = (base, [*base, *(own[name] for name in names)])
-    (before, _), (after, wider) = (
+    (before, _), (after, variance_ratio) = (
         leave_one_out(readings.load_n / sigma_n, orthonormal_basis(np.stack(value, axis=-1) / sigma_n[:, None], 1e-12))
         for value in required
     )
-    return score_prediction(before, after, wider, sigma_n / stiff_n * readings.half_px)
+    return score_prediction(before, after, variance_ratio, sigma_n / stiffness_n * readings.half_px)
 
 
-def score_prediction(before: Array, after: Array, wider: Array, px: Array) -> HeldOutMisfit:
-    """A gap by readings that were each foretold from all others.
+def score_prediction(before: Array, after: Array, variance_ratio: Array, px: Array) -> HeldOutMisfit:
+    """Held-out misfit of readings that are each predicted from all others.
 
     Args:
-        before: (n,) what each was off without the effects, in its standard uncertainties.
-        after: (n,) with them.
-        wider: (n,) the variance that noise alone gives to that, in those of a reading.
-        px: (n,) what a standard uncertainty stands for in the picture.
+        before: (n,) prediction error without the effects, in standard uncertainties of the reading.
+        after: (n,) prediction error with the effects.
+        variance_ratio: (n,) variance of the prediction error by noise, relative to that of a reading.
+        px: (n,) displacement equivalent to the standard uncertainty of each reading, px.
     """
-    squares = np.stack([(before * px) ** 2, (after * px) ** 2, wider * px**2])
+    squares = np.stack([(before * px) ** 2, (after * px) ** 2, variance_ratio * px**2])
     n = squares.shape[1]
     samples = squares[:, np.random.default_rng(0).integers(n, size=(_RESAMPLED, n))].mean(axis=2)
     low, high = np.quantile((samples[0] - samples[1]) / np.maximum(samples[0] - samples[2], 1e-30), (0.025, 0.975)).tolist()
-    was, residual, floor = squares.mean(axis=1).tolist()
+    before_power, residual, floor = squares.mean(axis=1).tolist()
     gained = squares[0] - squares[1]
-    clear = float(gained.mean() / max(gained.std() / math.sqrt(n), 1e-30))
-    closure = (was - residual) / max(was - floor, 1e-30)
-    return HeldOutMisfit(math.sqrt(was), math.sqrt(residual), math.sqrt(floor), closure, (low, high), clear)
+    gain_in_sigmas = float(gained.mean() / max(gained.std() / math.sqrt(n), 1e-30))
+    closure = (before_power - residual) / max(before_power - floor, 1e-30)
+    return HeldOutMisfit(math.sqrt(before_power), math.sqrt(residual), math.sqrt(floor), closure, (low, high), gain_in_sigmas)
 
 
-def _rivals(readings: LoadReadings, family: LoadEffectClass, found: RegressionTerm) -> tuple[str, ...]:
-    """Names that the same readings would have as well."""
+def _rivals(readings: LoadReadings, family: LoadEffectClass, tested: RegressionTerm) -> tuple[str, ...]:
+    """Names of other effects that explain the same readings."""
     if family is FRICTION and {-1.0, 1.0} <= set(readings.loading_direction[readings.loaded].tolist()):
         return ()
     if family is DRIFT:
         baseline = ~readings.loaded
-        rest_n = float(np.mean(readings.load_n[baseline])) if baseline.any() else 0.0
-        gone_n = -found.value * float(np.ptp(readings.time_s)) * math.copysign(1.0, rest_n)
-        # A load that is there can relax, by a part of itself; one that is not cannot.
-        return ("creep_in_hold",) if 0.0 < gone_n < 0.5 * abs(rest_n) else ()
+        unloaded_mean_n = float(np.mean(readings.load_n[baseline])) if baseline.any() else 0.0
+        lost_n = -tested.value * float(np.ptp(readings.time_s)) * math.copysign(1.0, unloaded_mean_n)
+        # An existing load can relax by a part of itself.
+        return ("creep_in_hold",) if 0.0 < lost_n < 0.5 * abs(unloaded_mean_n) else ()
     return family.rivals

@@ -1,4 +1,4 @@
-"""A term beside others in a regression of a few scalars: how large, how sure, and how much likelier with it."""
+"""Test of one term in a linear regression of a few scalars: value, uncertainty and Bayes factor."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
 Array = NDArray[np.float64]
-MIN_DEGREES_OF_FREEDOM = 4  # values beyond the unknowns, at least
-_SEEN = 1e-6  # of a term, in squares, that the others leave of it
+MIN_DEGREES_OF_FREEDOM = 4  # minimum number of values beyond the unknowns
+_MIN_DETERMINED_FRACTION = 1e-6  # smallest squared fraction of a term that is orthogonal to the others
 
 
 @dataclass(frozen=True, slots=True)
 class RegressionTerm:
-    """What a regression says of one term.
+    """Result of the regression for one term.
 
     Attributes:
-        value: of its coefficient.
-        sigma: standard uncertainty, by the scatter about the fit.
-        explained: sum of squares that it takes.
-        residual_ss: sum of squares that stay.
-        degrees_of_freedom: degrees of freedom of what stays.
+        value: coefficient of the term.
+        sigma: standard uncertainty by the scatter about the fit.
+        explained: sum of squares explained by the term.
+        residual_ss: residual sum of squares.
+        degrees_of_freedom: degrees of freedom of the residual.
     """
 
     value: float
@@ -33,7 +33,7 @@ class RegressionTerm:
 
 
 def orthonormal_basis(columns: Array, least: float) -> Array:
-    """(n, k) orthonormal columns that span (n, q) ones, as far as these are longer than `least` and say something new."""
+    """(n, k) orthonormal basis of the span of (n, q) columns; columns shorter than `least` and dependent ones are left out."""
     size = np.sqrt(np.sum(columns**2, axis=0))
     determined = columns[:, size > least] / size[size > least]
     vectors, values, _ = np.linalg.svd(determined, full_matrices=False)
@@ -41,11 +41,13 @@ def orthonormal_basis(columns: Array, least: float) -> Array:
 
 
 def term(own: Array, values: Array, base: Array) -> RegressionTerm | None:
-    """One term (n,) of values (n,), beside an orthonormal base (n, k); None where the base leaves nothing of it, or too few values do."""
-    column = _apart(own, base)
-    if len(own) < base.shape[1] + 1 + MIN_DEGREES_OF_FREEDOM or float(column @ column) < _SEEN * max(float(own @ own), 1e-9):
+    """Regression of values (n,) on a term (n,), jointly with an orthonormal basis (n, k); None if it is not determined."""
+    column = _orthogonal_part(own, base)
+    if len(own) < base.shape[1] + 1 + MIN_DEGREES_OF_FREEDOM or float(column @ column) < _MIN_DETERMINED_FRACTION * max(
+        float(own @ own), 1e-9
+    ):
         return None
-    fitted = _apart(values, base)
+    fitted = _orthogonal_part(values, base)
     amount = float(column @ fitted) / float(column @ column)
     residual = fitted - amount * column
     freedom = len(own) - base.shape[1] - 1
@@ -54,20 +56,17 @@ def term(own: Array, values: Array, base: Array) -> RegressionTerm | None:
 
 
 def leave_one_out(values: Array, base: Array) -> tuple[Array, Array]:
-    """(n,) what each value is off from what all others foretell of it, and how much larger its variance is than that of a value."""
+    """(n,) error of each value predicted from all others, and the variance of that error relative to that of a value."""
     free = np.maximum(1.0 - np.sum(base**2, axis=1), 1e-6)
-    return _apart(values, base) / free, np.asarray(1.0 / free)
+    return _orthogonal_part(values, base) / free, np.asarray(1.0 / free)
 
 
-def _apart(values: Array, base: Array) -> Array:
+def _orthogonal_part(values: Array, base: Array) -> Array:
     return np.asarray(values - base @ (base.T @ values))
 
 
 def f_test(terms: list[RegressionTerm]) -> tuple[float, float] | None:
-    """p-value of an F-test of all terms together, and the logarithm of their Bayes factor; None where nothing can be said.
-
-    The factor is Schwarz's approximation: so few values bear no finer one.
-    """
+    """p-value of an F-test of all terms, and their log Bayes factor by Schwarz's approximation; None without a residual."""
     explained, residual = sum(value.explained for value in terms), sum(value.residual_ss for value in terms)
     freedom, count = sum(value.degrees_of_freedom for value in terms), len(terms)
     if not count or not residual > 0.0:

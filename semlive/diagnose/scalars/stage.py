@@ -1,4 +1,4 @@
-"""The stage's channel: commanded moves against those that maps were fitted with."""
+"""Diagnosis of the stage: commanded moves against the fitted shifts of the maps."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import Diagnosis, DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.effects import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.data.experiment import Phase
 from semlive.diagnose.baseline.observation import Observation, StepConditions
 from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
@@ -16,7 +17,7 @@ from semlive.diagnose.scalars.regression import RegressionTerm, f_test, orthonor
 from semlive.model.effects.stage import BACKLASH, MOVES, QUADRATIC, StageEffectClass
 
 Array = NDArray[np.float64]
-LEAST_PX = 1.0
+MIN_MOVE_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,8 +25,8 @@ class StageMoves:
     """Commanded stage moves and the measured shifts of the image.
 
     Attributes:
-        commanded_px: (n, 2) places.
-        fitted_px: (n, 2).
+        commanded_px: (n, 2) commanded positions, px.
+        fitted_px: (n, 2) fitted shifts of the image, px.
     """
 
     commanded_px: Array
@@ -41,7 +42,7 @@ class StageMoves:
 
 
 def stage_moves(observation: Observation, steps: Sequence[StepConditions]) -> StageMoves:
-    """Of pairs that were not loaded: a load carries the specimen along."""
+    """Moves of pairs without load; a load shifts the specimen."""
     solution = observation.solution
     motions = solution.state.motions
     unloaded = [step for step in steps if step.phase is not Phase.TENSION]
@@ -49,17 +50,17 @@ def stage_moves(observation: Observation, steps: Sequence[StepConditions]) -> St
     return StageMoves(np.array([step.shift_px for step in unloaded]).reshape(-1, 2), np.array(fitted).reshape(-1, 2))
 
 
-def add_stage_evidence(found: Diagnosis, moves: StageMoves) -> Diagnosis:
-    """The verdict with what the stage did beside it.
+def add_stage_evidence(verdict: Diagnosis, moves: StageMoves) -> Diagnosis:
+    """Add the evidence of the stage to a verdict.
 
-    Scale and angle of the stage are the estimate's own notes, as they cannot be told from the picture's. Drift between pairs counts as a
-    parabola in time. Backlash and a scale that changes along the way are each asked beside the other.
+    Scale and angle of the stage are not effects, because they are equivalent to those of the image; the estimate reports them. Drift
+    between pairs is modelled as a parabola in time. Backlash and a position-dependent scale are each tested jointly with the other.
     """
-    already = {model_effect.name for model_effect in (*found.model_effects, *found.effects)}
+    already = {model_effect.name for model_effect in (*verdict.model_effects, *verdict.effects)}
     tests = {family.name: _test(moves, family) for family in MOVES}
     valid_tests = {name: test for name, test in tests.items() if test is not None}
     if not valid_tests:
-        return found
+        return verdict
     p_value = min(1.0, len(valid_tests) * min(test.p_value for test in valid_tests.values()))
     rms_px = max(float(np.sqrt(np.mean(test.value_px**2))) for test in valid_tests.values())
     significant = [
@@ -68,15 +69,15 @@ def add_stage_evidence(found: Diagnosis, moves: StageMoves) -> Diagnosis:
         and len(valid_tests) * test.p_value <= SIGNIFICANCE_LEVEL
     ]  # fmt: skip
     effects = tuple(test.effect(len(valid_tests)) for test in significant)
-    outcome = Outcome.IDENTIFIED if effects and found.outcome is Outcome.NONE else found.outcome
+    outcome = Outcome.IDENTIFIED if effects and verdict.outcome is Outcome.NONE else verdict.outcome
     evidence = tuple((name, test.log_factor) for name, test in valid_tests.items())
-    where = (*found.where, DomainTest("moves", p_value, rms_px))
-    return replace(found, outcome=outcome, effects=(*found.effects, *effects), where=where, evidence=(*found.evidence, *evidence))
+    where = (*verdict.where, DomainTest("moves", p_value, rms_px))
+    return replace(verdict, outcome=outcome, effects=(*verdict.effects, *effects), where=where, evidence=(*verdict.evidence, *evidence))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Test:
-    """A term of both axes: its values, their uncertainties, and how much it explains."""
+    """Test of one term along both axes."""
 
     family: StageEffectClass
     value: Array
@@ -98,22 +99,22 @@ class _Test:
 
 
 def _test(moves: StageMoves, family: StageEffectClass) -> _Test | None:
-    """F-test of a term along each axis that it can be seen on, beside the other term; None where neither axis shows it."""
+    """F-test of a term along each axis that determines it, jointly with the other term; None if neither axis does."""
     terms = {BACKLASH.name: moves.direction, QUADRATIC.name: moves.commanded_px**2}
     own, other_terms = terms[family.name], [term for name, term in terms.items() if name != family.name]
     value, sigma, value_px = (np.zeros(2) for _ in range(3))
     observed: list[RegressionTerm] = []
     for axis in (0, 1):
-        found = term(own[:, axis], moves.fitted_px[:, axis], _base(moves, [column[:, axis] for column in other_terms]))
-        if found is not None:
-            value[axis], sigma[axis] = found.value, found.sigma
-            value_px[axis] = found.value * float(np.abs(own[:, axis]).max())
-            observed.append(found)
+        tested = term(own[:, axis], moves.fitted_px[:, axis], _base(moves, [column[:, axis] for column in other_terms]))
+        if tested is not None:
+            value[axis], sigma[axis] = tested.value, tested.sigma
+            value_px[axis] = tested.value * float(np.abs(own[:, axis]).max())
+            observed.append(tested)
     result = f_test(observed)
     return None if result is None else _Test(family, value, sigma, value_px, *result)
 
 
 def _base(moves: StageMoves, more: Sequence[Array]) -> Array:
-    """(n, k) orthonormal: an offset, both commands, drift as a parabola in time, and other terms, as far as they say anything."""
+    """(n, k) orthonormal basis of an offset, both commanded components, drift as a parabola in time, and further terms."""
     late = np.linspace(-1.0, 1.0, len(moves.commanded_px))
-    return orthonormal_basis(np.stack([np.ones_like(late), *moves.commanded_px.T, late, late**2, *more], axis=-1), LEAST_PX * 1e-3)
+    return orthonormal_basis(np.stack([np.ones_like(late), *moves.commanded_px.T, late, late**2, *more], axis=-1), MIN_MOVE_PX * 1e-3)

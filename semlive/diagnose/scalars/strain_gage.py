@@ -1,4 +1,4 @@
-"""The gage's channel: what a strain gage said, beside the strain that maps show; a specimen that is lifted is strain to maps alone."""
+"""Diagnosis with a strain gage: out-of-plane translation causes apparent strain in the maps and none in the gage."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
-from semlive.data.diagnosis import Diagnosis, DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, ParameterEstimate
+from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.baseline.observation import StepConditions
 from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.scalars.load_cell import MIN_RELATIVE_LOAD, LoadReadings, limit_precision, merge_effects, score_prediction
@@ -24,23 +25,23 @@ STRAIN_LIKE_EFFECTS = (
     *OUT_OF_PLANE.rivals, "inhomogeneous_strain", "magnification_drift", "magnification_frame_instability", "refocus_magnification_step",
     "aspect_drift", "distortion_scale_drift", "tilt_with_load", "wrong_row_time",
 )  # fmt: skip
-"""Names of maps that set their mean strain apart from a gage's as well: loads grow with time.
+"""Map effects that also change the mean strain of the maps relative to a gage, because loads grow with time.
 
-At eight times what can be detected none of them was loud by itself; a wrong row time came to 6.8, a tilt to 5.1.
+At eight times their detection limit none of them reached the threshold alone; the largest were a wrong row time (6.8) and a tilt (5.1).
 """
-AT_REST = 4  # unloaded pairs from which on the gage's own drift is known
-_EXACT = 1e-9  # no strain is known better
+MIN_UNLOADED_PAIRS = 4  # minimum number of unloaded pairs for an estimate of the gage's drift
+_MIN_STRAIN_SIGMA = 1e-9  # regularises the covariance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GageReadings:
-    """What a gage said of each pair, beside what is known of it otherwise.
+    """Gage readings of each pair with the load and the strain of the maps.
 
     Attributes:
-        load_readings: (n,) time, load and strain by maps of each pair.
-        gage: (n,) its mean reading, tension positive; NaN where it was silent.
+        load_readings: time, load and strain of the maps for each pair.
+        gage: (n,) mean gage reading, tension positive; NaN without readings.
         gage_sigma: (n,) standard uncertainty by the scatter of the readings.
-        factor_sigma: relative standard uncertainty of its factor, which all readings share.
+        factor_sigma: relative standard uncertainty of the gage factor, common to all readings.
     """
 
     load_readings: LoadReadings
@@ -50,7 +51,7 @@ class GageReadings:
 
 
 def gage_readings(readings: LoadReadings, steps: Sequence[StepConditions], factor_sigma: float) -> GageReadings | None:
-    """Of the pairs of a run; None without a gage."""
+    """Gage readings of a run; None without a gage."""
     if all(step.gage is None for step in steps):
         return None
     gage = np.array([math.nan if step.gage is None else step.gage.value for step in steps])
@@ -58,19 +59,19 @@ def gage_readings(readings: LoadReadings, steps: Sequence[StepConditions], facto
     return GageReadings(readings, gage, sigma, factor_sigma)
 
 
-def add_gage_evidence(found: Diagnosis, readings: GageReadings | None) -> Diagnosis:
-    """The verdict with what a gage says beside it; the same where there is none, or it was read at too few loads.
+def add_gage_evidence(verdict: Diagnosis, readings: GageReadings | None) -> Diagnosis:
+    """Add the evidence of a gage to a verdict; the verdict is unchanged without a gage or with too few loads.
 
-    A lift is what the maps' strain is ahead of the gage's in proportion to the load. What is ahead of it alike at all loads (the gage's
-    zero, grips that seat) is free; what differs from load to load without a law is told as a domain and has no name.
+    Out-of-plane translation is a difference between the strain of maps and gage proportional to the load. A difference common to all loads
+    (zero of the gage, seating of the grips) is a free parameter. Other differences are reported as a domain test only.
     """
     test = None if readings is None else _test(readings)
     if test is None:
-        return found
+        return verdict
     p_value = min(1.0, 2.0 * min(test.p_value, test.scatter_p))
-    where = (*found.where, DomainTest("gage_readings", p_value, test.rms_px))
-    merged = replace(found, where=where, evidence=(*found.evidence, (OUT_OF_PLANE.name, test.log_factor)))
-    other_names = {model_effect.name for model_effect in (*found.model_effects, *found.effects)}
+    where = (*verdict.where, DomainTest("gage_readings", p_value, test.rms_px))
+    merged = replace(verdict, where=where, evidence=(*verdict.evidence, (OUT_OF_PLANE.name, test.log_factor)))
+    other_names = {model_effect.name for model_effect in (*verdict.model_effects, *verdict.effects)}
     if (
         OUT_OF_PLANE.name in other_names
         or test.log_factor < SIGNIFICANT_LOG_FACTOR
@@ -83,14 +84,14 @@ def add_gage_evidence(found: Diagnosis, readings: GageReadings | None) -> Diagno
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Compared:
-    """Loaded pairs at which the gage spoke.
+class _LoadedPairs:
+    """Loaded pairs with gage readings.
 
     Attributes:
         load_n: (n,) mean reading of the load cell.
-        maps: (n,) strain by maps.
-        gage: (n,) by the gage, its own drift taken off.
-        covariance: (n, n) of the difference, without the gage's factor.
+        maps: (n,) strain of the maps.
+        gage: (n,) strain of the gage, its drift subtracted.
+        covariance: (n, n) covariance of the difference, without the gage factor.
     """
 
     load_n: Array
@@ -101,19 +102,19 @@ class _Compared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Test:
-    """A difference in proportion to the load, how much it explains, and what it amounts to.
+    """Test of a strain difference proportional to the load.
 
     Attributes:
-        per_n: what maps are ahead of the gage, strain per N.
-        sigma: its standard uncertainty, the gage's factor in it.
-        maps_per_n: what maps show, strain per N.
-        largest_n: the largest load.
-        half_px: half of the frame's extent along the load.
-        p_value: of per_n.
+        per_n: strain of the maps minus that of the gage, per N.
+        sigma: its standard uncertainty, including the gage factor.
+        maps_per_n: strain of the maps, per N.
+        largest_n: largest load, N.
+        half_px: half of the frame size along the load, px.
+        p_value: p-value of per_n.
         log_factor: logarithm of the Bayes factor.
-        scatter_p: of what is left beside it, by the uncertainties alone.
-        rms_px: the whole difference but for its mean, at the edge of the frame.
-        gap: on readings that are foretold from all others.
+        scatter_p: p-value of the residual scatter, by the uncertainties alone.
+        rms_px: root mean square of the difference without its mean, as displacement at the edge of the frame.
+        gap: misfit of readings predicted from all others.
     """
 
     per_n: float
@@ -129,21 +130,21 @@ class _Test:
 
     @property
     def matters(self) -> bool:
-        """No gage is so right that a thousandth of the strain would be more than a gage."""
+        """Whether the difference exceeds the accuracy of gages, a thousandth of the strain."""
         return abs(self.per_n) > MIN_RELATIVE_LOAD * abs(self.maps_per_n)
 
     def effect(self) -> IdentifiedEffect:
-        """A correction for it would give maps the gage's slope: it takes all strain that only maps show."""
+        """The identified effect; a correction for it would force the slope of the gage on the maps, so its attenuation is 1."""
         per_px = self.largest_n * self.half_px
         size = ParameterEstimate("size_px", abs(self.per_n) * per_px, self.sigma * per_px, "px")
         parameters = (ParameterEstimate("strain_per_n", self.per_n, self.sigma, "1/N"), size, *self._modulus())
         model_effect = ModelEffect(OUT_OF_PLANE.name, (), size.value)
         return IdentifiedEffect(
-            OUT_OF_PLANE.name, parameters, size.value, self.log_factor, self.p_value, True, model_effect, strain_eaten=1.0
+            OUT_OF_PLANE.name, parameters, size.value, self.log_factor, self.p_value, True, model_effect, strain_attenuation=1.0
         )
 
     def _modulus(self) -> tuple[ParameterEstimate, ...]:
-        """What a correction would change of Young's modulus, relative; nothing where no slope would be left."""
+        """Relative change of Young's modulus by a correction; empty if the corrected slope has the wrong sign."""
         residual = self.maps_per_n - self.per_n
         if residual * self.maps_per_n <= 0.0:
             return ()
@@ -151,18 +152,18 @@ class _Test:
 
 
 def _test(readings: GageReadings) -> _Test | None:
-    """A slope over the load beside an offset; None where the loads are too few, or all alike."""
-    observed = _compared(readings)
+    """Test of a slope over the load jointly with an offset; None with too few or equal loads."""
+    observed = _loaded_pairs(readings)
     if len(observed.load_n) < 2 + MIN_DEGREES_OF_FREEDOM:
         return None
     columns = np.stack([np.ones_like(observed.load_n), observed.load_n, observed.maps, observed.gage], axis=-1)
     offset, load, maps, gage = solve_triangular(np.linalg.cholesky(observed.covariance), columns, lower=True).T
     base = orthonormal_basis(offset[:, None], 1e-12)
     slope, of_maps, of_gage = (term(load, value, base) for value in (maps - gage, maps, gage))
-    surely = limit_precision(slope)
-    if slope is None or surely is None or of_maps is None or of_gage is None or not slope.residual_ss > 0.0:
+    limited = limit_precision(slope)
+    if slope is None or limited is None or of_maps is None or of_gage is None or not slope.residual_ss > 0.0:
         return None
-    sigma, p_value, log_factor = _weighed(surely, readings.factor_sigma * abs(of_gage.value))
+    sigma, p_value, log_factor = _combined_test(limited, readings.factor_sigma * abs(of_gage.value))
     half_px = readings.load_readings.half_px
     rms_px = half_px * float(np.std(observed.maps - observed.gage))
     scatter_p = float(chi2.sf(slope.residual_ss, slope.degrees_of_freedom))
@@ -171,20 +172,22 @@ def _test(readings: GageReadings) -> _Test | None:
     return _Test(slope.value, sigma, of_maps.value, largest_n, half_px, p_value, log_factor, scatter_p, rms_px, gap)
 
 
-def _compared(readings: GageReadings) -> _Compared:
-    """The gage's drift is that of the unloaded pairs, on a line, and as uncertain as their scatter makes it."""
-    load_readings, spoke = readings.load_readings, np.isfinite(readings.gage)
-    unloaded, retained = spoke & ~load_readings.loaded, np.flatnonzero(spoke & load_readings.loaded)
+def _loaded_pairs(readings: GageReadings) -> _LoadedPairs:
+    """Loaded pairs, corrected for a linear drift of the gage that the unloaded pairs determine."""
+    load_readings, has_reading = readings.load_readings, np.isfinite(readings.gage)
+    unloaded, retained = has_reading & ~load_readings.loaded, np.flatnonzero(has_reading & load_readings.loaded)
     rate, rate_sigma = _drift(load_readings.time_s[unloaded], readings.gage[unloaded])
     late_s = load_readings.time_s[retained] - load_readings.time_s[retained].mean() if len(retained) else np.zeros(0)
-    covariance = load_readings.strain_covariance[np.ix_(retained, retained)] + np.diag(readings.gage_sigma[retained] ** 2 + _EXACT**2)
+    covariance = load_readings.strain_covariance[np.ix_(retained, retained)] + np.diag(
+        readings.gage_sigma[retained] ** 2 + _MIN_STRAIN_SIGMA**2
+    )
     covariance = covariance + rate_sigma**2 * np.outer(late_s, late_s)
-    return _Compared(load_readings.load_n[retained], load_readings.strain[retained], readings.gage[retained] - rate * late_s, covariance)
+    return _LoadedPairs(load_readings.load_n[retained], load_readings.strain[retained], readings.gage[retained] - rate * late_s, covariance)
 
 
 def _drift(time_s: Array, gage: Array) -> tuple[float, float]:
-    """Strain per s that a gage shows while nothing is loaded, and its standard uncertainty."""
-    if len(time_s) < AT_REST or np.ptp(time_s) <= 0.0:
+    """Drift rate of a gage without load, strain per s, and its standard uncertainty."""
+    if len(time_s) < MIN_UNLOADED_PAIRS or np.ptp(time_s) <= 0.0:
         return 0.0, 0.0
     late_s = time_s - time_s.mean()
     power = float(late_s @ late_s)
@@ -193,15 +196,15 @@ def _drift(time_s: Array, gage: Array) -> tuple[float, float]:
     return rate, math.sqrt(float(residual @ residual) / (len(gage) - 2) / power)
 
 
-def _weighed(slope: RegressionTerm, factor: float) -> tuple[float, float, float]:
-    """The uncertainty of a slope of which a part is known beforehand, its p-value by an F-test, and Schwarz's logarithm of the factor.
+def _combined_test(slope: RegressionTerm, factor: float) -> tuple[float, float, float]:
+    """Combined uncertainty of a slope, its p-value by an F-test, and its log Bayes factor by Schwarz's approximation.
 
-    What readings scatter by is known by the scatter, with few degrees of freedom, and the gage's factor is stated: those of both together
-    are Satterthwaite's. With the factor among what scatters, none of 200 lifts of five times its uncertainty was named.
+    The scatter of the readings has few degrees of freedom; the uncertainty of the gage factor is given. Their combination has the degrees
+    of freedom by Satterthwaite. With the factor treated as scatter, none of 200 translations of five times its uncertainty was identified.
 
     Args:
-        slope: of the difference, strain per N, with what the readings scatter by.
-        factor: standard uncertainty that the gage's factor adds, strain per N.
+        slope: slope of the difference, strain per N, with its uncertainty by scatter.
+        factor: standard uncertainty by the gage factor, strain per N.
     """
     sigma = math.hypot(slope.sigma, factor)
     freedom = slope.degrees_of_freedom * (sigma / slope.sigma) ** 4
@@ -210,12 +213,12 @@ def _weighed(slope: RegressionTerm, factor: float) -> tuple[float, float, float]
     return sigma, float(fisher.sf(ratio, 1, freedom)), odds
 
 
-def _gap(observed: _Compared, half_px: float) -> HeldOutMisfit:
-    """How well each pair's difference is foretold by all others, without and with the slope. What all loads share is in the offset."""
+def _gap(observed: _LoadedPairs, half_px: float) -> HeldOutMisfit:
+    """Misfit of the difference of each pair predicted from all others, without and with the slope, each with an offset."""
     n = len(observed.load_n)
     centring = np.eye(n) - 1.0 / n
     sigma = np.sqrt(np.diag(centring @ observed.covariance @ centring) * n / (n - 1.0))
     columns = np.stack([np.ones(n), observed.load_n], axis=-1) / sigma[:, None]
     white = (observed.maps - observed.gage) / sigma
-    (before, _), (after, wider) = (leave_one_out(white, orthonormal_basis(value, 1e-12)) for value in (columns[:, :1], columns))
-    return score_prediction(before, after, wider, half_px * sigma)
+    (before, _), (after, variance_ratio) = (leave_one_out(white, orthonormal_basis(value, 1e-12)) for value in (columns[:, :1], columns))
+    return score_prediction(before, after, variance_ratio, half_px * sigma)

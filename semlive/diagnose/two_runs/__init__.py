@@ -1,1 +1,1 @@
-"""Effects that two runs separate and one cannot."""
+"""Comparison of two runs: effects that one run cannot separate from distortion."""

@@ -1,7 +1,7 @@
-"""Two runs with different scans: what one takes for distortion moves in the other, and the distortion itself does not.
+"""Comparison of two runs with different scan times: scan effects change with the scan, the distortion does not.
 
-The baselines of both runs are joined with one distortion for both; everything else is each run's own. What a law says is shared: the
-same time constant and the same amplitudes in both.
+The baselines of both runs are joined with a common distortion; all other parameters are separate. Effects have the same nonlinear
+parameters and the same amplitudes in both runs.
 """
 
 from __future__ import annotations
@@ -13,19 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.diagnosis import Outcome, ParameterEstimate, SharedEffect, TwoRunVerdict
-from semlive.diagnose.baseline.baseline import (
-    BaselineEffect,
-    HyperparameterGrid,
-    HyperparameterPoint,
-    build_grid,
-    evaluate_point,
-    point_like,
-)
+from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
+from semlive.data.diagnosis.two_runs import SharedEffect, TwoRunVerdict
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, HyperparameterPoint, build_grid, evaluate_point, point_like
 from semlive.diagnose.baseline.bayes_factor import ProjectedField, score_candidates, sizes_of
+from semlive.diagnose.baseline.design_matrix import BaselineEffect
 from semlive.diagnose.baseline.observation import sample_within_blocks
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR
-from semlive.diagnose.maps.refinement import optimise_parameters, parameter_uncertainty, reported_parameters
+from semlive.diagnose.maps.parameter_search import optimise_parameters, parameter_uncertainty
+from semlive.diagnose.maps.refinement import reported_parameters
 from semlive.diagnose.two_runs.scan_rotation import analyse_scan_rotation, same_scan_times, scan_times_s
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.arrowhead import ComponentBlocks, factorise
@@ -37,72 +33,79 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointBaseline:
-    """Runs with one distortion between them.
+    """Runs with a common distortion.
 
     Attributes:
-        runs: their baselines, of one rung each.
-        scenes: of each run what its frames saw, and where frame 0 had seen it, at the places that stand for all of a block.
-        left: of each run (f, b, 2) whitened, what the first run's distortion and the run's own first solution leave.
-        place: of each run (p_i,), which of the p parameters of all runs its own are.
-        rung: all of it against all data.
+        runs: baselines of the runs, with one point each.
+        scenes: for each run, geometries of its frames and of frame 0 at the sample positions within blocks.
+        residuals: for each run, (f, b, 2) whitened residual of its first solution with the distortion of the first run.
+        place: for each run, (p_i,) indices of its parameters among the p parameters of all runs.
+        point: posterior of the joint baseline.
     """
 
     runs: tuple[HyperparameterGrid, ...]
     scenes: tuple[tuple[tuple[RunGeometry, RunGeometry], ...], ...]
-    left: tuple[Array, ...]
+    residuals: tuple[Array, ...]
     place: tuple[NDArray[np.int64], ...]
-    rung: HyperparameterPoint
+    point: HyperparameterPoint
 
     def projected(self, basis_fields: Sequence[BasisField]) -> ProjectedField:
-        """A law, as it is in each run, against the data."""
+        """Project a basis field, given for each run, on the data of all runs."""
         q = basis_fields[0].field_px.shape[-1]
-        alone, gradient, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.rung.prior), q))
-        for run, residual, place, basis_field in zip(self.runs, self.left, self.place, basis_fields, strict=True):
+        alone, gradient, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.point.prior), q))
+        for run, residual, place, basis_field in zip(self.runs, self.residuals, self.place, basis_fields, strict=True):
             white = run.design.whiten(basis_field.field_px)
             flat = white.reshape(-1, q)
             alone, gradient = alone + flat.T @ flat, gradient + flat.T @ residual.ravel()
             shared[place] += run.design.transposed(white)
-        half = self.rung.half(shared)
+        half = self.point.half(shared)
         values, vectors = np.linalg.eigh(alone - half.T @ half)
-        pull = vectors.T @ (gradient - half.T @ self.rung.half_solved_gradient)
-        return ProjectedField(np.clip(values, 0.0, None)[None], vectors[None], pull[None])
+        gradient = vectors.T @ (gradient - half.T @ self.point.half_solved_gradient)
+        return ProjectedField(np.clip(values, 0.0, None)[None], vectors[None], gradient[None])
 
 
 def join_runs(runs: Sequence[HyperparameterGrid]) -> JointBaseline:
-    """Runs with one distortion, as smooth as that run has it which makes all data likeliest."""
+    """Join runs with a common distortion; its prior is that of the run with the largest joint evidence."""
     alone = [HyperparameterGrid(run.design, run.whitened_residual, (run.best,)) for run in runs]
-    return max((_joined(alone, believed_by) for believed_by in range(len(alone))), key=lambda candidate: candidate.rung.evidence)
+    return max((_joined(alone, prior_run) for prior_run in range(len(alone))), key=lambda candidate: candidate.point.evidence)
 
 
-def _joined(runs: Sequence[HyperparameterGrid], believed_by: int) -> JointBaseline:
-    bent = [_distortion(run) for run in runs]
-    place, size = [], len(bent[0])
-    for run, own in zip(runs, bent, strict=True):
+def _joined(runs: Sequence[HyperparameterGrid], prior_run: int) -> JointBaseline:
+    distortion_parameters = [_distortion(run) for run in runs]
+    place, size = [], len(distortion_parameters[0])
+    for run, own in zip(runs, distortion_parameters, strict=True):
         at = np.full(run.design.size, -1)
         at[own] = np.arange(len(own))
         separate = np.flatnonzero(at < 0)
         at[separate] = size + np.arange(len(separate))
         place.append(at)
         size += len(separate)
-    normal, prior, near, pull, power, residual = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size), np.zeros(size), 0.0, []
+    normal, prior, first_solution, gradient, power, residual = (
+        np.zeros((size, size)),
+        np.zeros((size, size)),
+        np.zeros(size),
+        np.zeros(size),
+        0.0,
+        [],
+    )
     starts = [_first(run) for run in runs]
-    for number, (run, at, own, start) in enumerate(zip(runs, place, bent, starts, strict=True)):
+    for number, (run, at, own, start) in enumerate(zip(runs, place, distortion_parameters, starts, strict=True)):
         step = np.zeros(run.design.size)
-        step[own] = starts[0][bent[0]] - start[own]
+        step[own] = starts[0][distortion_parameters[0]] - start[own]
         residual.append(run.whitened_residual - run.design.apply(step[:, None])[..., 0])
         normal[np.ix_(at, at)] += run.design.normal_matrix
         own_prior = run.best.prior.copy()
-        if number != believed_by:
+        if number != prior_run:
             own_prior[np.ix_(own, own)] = 0.0
         prior[np.ix_(at, at)] += own_prior
-        near[at] = start + step
-        pull[at] += run.design.transposed(residual[-1][..., None])[:, 0]
+        first_solution[at] = start + step
+        gradient[at] += run.design.transposed(residual[-1][..., None])[:, 0]
         power += float(np.sum(residual[-1] ** 2))
     sides = [(at, run.best.factor.sides) for run, at in zip(runs, place, strict=True)]
     each = [[at[own] for own in (*where.own, where.shared)] for at, where in sides]
     where = ComponentBlocks(*(np.unique(np.concatenate(value)) for value in zip(*each, strict=True)))
     believed = prior, factorise(prior, where, 0.0).half_log_det
-    both = evaluate_point(normal, believed, pull, power, near, runs[believed_by].best.hyper, 0.0, where)
+    both = evaluate_point(normal, believed, gradient, power, first_solution, runs[prior_run].best.hyper, 0.0, where)
     scenes = tuple(sample_within_blocks(run.design.observation) for run in runs)
     return JointBaseline(tuple(runs), scenes, tuple(residual), tuple(place), both)
 
@@ -118,8 +121,8 @@ def _first(run: HyperparameterGrid) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Shared:
-    """A family's laws against all runs."""
+class _JointObjective:
+    """Objective of an effect class over all runs."""
 
     joined: JointBaseline
     family: EffectClass
@@ -128,30 +131,30 @@ class _Shared:
     def grid(self) -> Iterable[Values]:
         return self.family.grid(self.joined.runs[0].design.observation.geometry)
 
-    def laws(self, values: Values) -> list[BasisField] | None:
-        """Of each run what changes from frame 0 on, with amplitudes that mean the same in all; None where a run cannot show the effect."""
-        like = self.family.law(self.joined.scenes[0][0][0], values)
+    def basis_fields(self, values: Values) -> list[BasisField] | None:
+        """Basis fields of each run relative to frame 0, with common physical amplitudes; None if a run does not observe the effect."""
+        like = self.family.basis_field(self.joined.scenes[0][0][0], values)
         each = [] if like is None else [relative_to_reference(self.family, scenes, values, like) for scenes in self.joined.scenes]
         observed = [value for value in each if value is not None]
         return observed if like is not None and len(observed) == len(each) else None
 
     def evaluate(self, values: Values) -> ProjectedField | None:
-        basis_fields = self.laws(values)
+        basis_fields = self.basis_fields(values)
         return None if basis_fields is None else self.joined.projected(basis_fields)
 
 
 def relative_to_reference(
     family: EffectClass, scenes: Sequence[tuple[RunGeometry, RunGeometry]], values: Values, like: BasisField
 ) -> BasisField | None:
-    """What a law moves from frame 0 on, as blocks show it; None where it cannot be seen.
+    """Basis field relative to frame 0, averaged over blocks; None if it is not observable.
 
     Args:
-        family: whose law it is.
-        scenes: what every frame saw and where frame 0 had seen it, at each of the places that stand for all of a block.
-        values: of what is not linear.
-        like: a law whose amplitudes it gets.
+        family: the effect class.
+        scenes: geometries of every frame and of frame 0, at each sample position within blocks.
+        values: nonlinear parameters.
+        like: basis field that defines the scale of the amplitudes.
     """
-    basis_fields = [[family.law(scene, values) for scene in both] for both in scenes]
+    basis_fields = [[family.basis_field(scene, values) for scene in both] for both in scenes]
     observed = [(now.rescaled_to(like), second.rescaled_to(like)) for now, second in basis_fields if now is not None and second is not None]
     if len(observed) < len(scenes):
         return None
@@ -159,8 +162,8 @@ def relative_to_reference(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Heard:
-    """A family, its likeliest law, and the runs as smooth as they are where it is heard."""
+class _JointEvidence:
+    """Evidence for an effect class, with its most likely basis field and the joint baseline."""
 
     joined: JointBaseline
     family: EffectClass
@@ -170,58 +173,62 @@ class _Heard:
 
 
 def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
-    """Which effect runs with different scans show, if any; several where the second run's scan was turned.
+    """Identify the effect common to runs with different scans; several effects if the scan of the second run was rotated.
 
     Args:
-        runs: their baselines, with the effects that are known in them.
+        runs: baselines of the runs, with the given effects.
 
     Raises:
-        IllPosed: the runs cannot be joined, or were scanned alike.
+        IllPosed: the runs cannot be joined, or have equal scan times.
     """
     by_turn = analyse_scan_rotation(runs)
     if by_turn is not None:
         return by_turn
-    _fit_each_other(runs)
-    both = join_runs(runs)
-    separate_log_odds = sum(join_runs([run]).rung.evidence for run in runs) - both.rung.evidence
-    screening = [_as_smooth_beside(joint, runs) for family in TWO_RUN_EFFECT_CLASSES if (joint := _heard(both, family)) is not None]
-    evidence = _run_by_run(runs) | {candidate.family.name: candidate.log_factor for candidate in screening}
+    _require_comparable(runs)
+    joint = join_runs(runs)
+    separate_log_odds = sum(join_runs([run]).point.evidence for run in runs) - joint.point.evidence
+    screening = [
+        _with_refitted_smoothness(tested, runs)
+        for family in TWO_RUN_EFFECT_CLASSES
+        if (tested := _joint_evidence(joint, family)) is not None
+    ]
+    evidence = _separate_evidence(runs) | {candidate.family.name: candidate.log_factor for candidate in screening}
     ranked = tuple(sorted(evidence.items(), key=lambda item: -item[1]))
-    loudest = ranked[0][1]
-    if loudest < SIGNIFICANT_LOG_FACTOR:
+    largest = ranked[0][1]
+    if largest < SIGNIFICANT_LOG_FACTOR:
         return TwoRunVerdict(
             Outcome.UNKNOWN if separate_log_odds > SIGNIFICANT_LOG_FACTOR else Outcome.NONE, None, (), ranked, separate_log_odds
         )
-    effects = [_decided(candidate) for candidate in screening if candidate.family.name == ranked[0][0]] or [
+    effects = [_shared_effect(candidate) for candidate in screening if candidate.family.name == ranked[0][0]] or [
         SharedEffect(ranked[0][0], (ranked[0][0],), 0.0, ())
     ]
-    names = (*effects[0].aliases, *(name for name, factor in ranked[1:] if factor > loudest - MIN_LOG_ODDS))
-    if separate_log_odds > loudest + SIGNIFICANT_LOG_FACTOR:
+    names = (*effects[0].aliases, *(name for name, factor in ranked[1:] if factor > largest - MIN_LOG_ODDS))
+    if separate_log_odds > largest + SIGNIFICANT_LOG_FACTOR:
         return TwoRunVerdict(Outcome.UNKNOWN, effects[0], (), ranked, separate_log_odds)
     if len(names) > 1:
         return TwoRunVerdict(Outcome.AMBIGUOUS, effects[0], names, ranked, separate_log_odds)
     return TwoRunVerdict(Outcome.IDENTIFIED, effects[0], (), ranked, separate_log_odds, (effects[0],))
 
 
-def _fit_each_other(runs: Sequence[HyperparameterGrid]) -> None:
+def _require_comparable(runs: Sequence[HyperparameterGrid]) -> None:
     states = [run.design.observation.state for run in runs]
     if any(state.distortion != states[0].distortion or state.grid != states[0].grid for state in states[1:]):
         raise IllPosed(
-            "the runs have points or frames of different sizes: their distortions cannot be compared; replay one with the other's grid"
+            "the runs have different grids or frame sizes: their distortions cannot be compared; replay one run with the grid of the other"
         )
     times = scan_times_s(runs)
     if same_scan_times(times):
         raise IllPosed(
-            f"the runs were scanned alike, dwell {times[0, 0]:g} s and rows of {times[0, 1]:g} s: they decide nothing; "
-            "take the second with half or twice the dwell, or turned by 90 degrees and with moves that tell so"
+            f"the runs have equal scan times, dwell {times[0, 0]:g} s and rows of {times[0, 1]:g} s: they separate no effects; "
+            "record the second with half or twice the dwell, or with the scan rotated by 90 degrees and with moves along both axes"
         )
 
 
-def _heard(both: JointBaseline, family: EffectClass) -> _Heard | None:
-    """A family against all runs: the mean over its laws and sizes, and the likeliest of them."""
+def _joint_evidence(joint: JointBaseline, family: EffectClass) -> _JointEvidence | None:
+    """Evidence for an effect class from all runs: mean over basis fields and sizes, and the most likely of them."""
     sizes, tried = sizes_of(family), []
-    for values in _Shared(both, family, 0.0).grid():
-        evaluated = _Shared(both, family, 0.0).evaluate(values)
+    for values in _JointObjective(joint, family, 0.0).grid():
+        evaluated = _JointObjective(joint, family, 0.0).evaluate(values)
         if evaluated is not None:
             tried.append((dict(values), evaluated.log_factor(sizes)[0]))
     if not tried:
@@ -229,17 +236,17 @@ def _heard(both: JointBaseline, family: EffectClass) -> _Heard | None:
     each = np.stack([factors for _, factors in tried])
     basis_field, size = np.unravel_index(int(np.argmax(each)), each.shape)
     factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(each.size)
-    return _Heard(both, family, factor, tried[int(basis_field)][0], float(sizes[int(size)]))
+    return _JointEvidence(joint, family, factor, tried[int(basis_field)][0], float(sizes[int(size)]))
 
 
-def _as_smooth_beside(screening: _Heard, runs: Sequence[HyperparameterGrid]) -> _Heard:
-    """The same with drifts as smooth as each run has them beside the effect, where it is likelier so.
+def _with_refitted_smoothness(screening: _JointEvidence, runs: Sequence[HyperparameterGrid]) -> _JointEvidence:
+    """Evidence with the smoothness of the drift selected jointly with the effect, if that is more likely.
 
-    The drift that is likeliest without the effect follows a part of it: of a row time that was wrong by 0.4 the logarithm of the Bayes
-    factor was 29 so, and is 110; runs by themselves, which ask all smoothnesses, were reported with a swing or a ramp in 4 of 10.
+    The drift that is most likely without the effect absorbs a part of it: the log Bayes factor of a row time error of 0.4 was 29 instead of
+    110, and separate runs, which use all smoothness values, gave an oscillation or a ramp in 4 of 10 cases.
     """
-    basis_fields = _Shared(screening.joined, screening.family, screening.size_px).laws(screening.values)
-    assert basis_fields is not None  # it was seen on the grid
+    basis_fields = _JointObjective(screening.joined, screening.family, screening.size_px).basis_fields(screening.values)
+    assert basis_fields is not None  # it was observable on the grid
     grids = []
     for run, basis_field in zip(runs, basis_fields, strict=True):
         baseline_with_effects = build_grid(
@@ -247,14 +254,14 @@ def _as_smooth_beside(screening: _Heard, runs: Sequence[HyperparameterGrid]) -> 
         )
         grids.append(point_like(run.design, baseline_with_effects))
     joined = join_runs(grids)
-    repeated = _heard(joined, screening.family)
+    repeated = _joint_evidence(joined, screening.family)
     assert repeated is not None
-    lost = min(joined.rung.evidence - screening.joined.rung.evidence, 0.0)
-    return max((screening, replace(repeated, log_factor=repeated.log_factor + lost)), key=lambda candidate: candidate.log_factor)
+    evidence_loss = min(joined.point.evidence - screening.joined.point.evidence, 0.0)
+    return max((screening, replace(repeated, log_factor=repeated.log_factor + evidence_loss)), key=lambda candidate: candidate.log_factor)
 
 
-def _run_by_run(runs: Sequence[HyperparameterGrid]) -> dict[str, float]:
-    """All other names: what they gain in each run, where nothing is shared."""
+def _separate_evidence(runs: Sequence[HyperparameterGrid]) -> dict[str, float]:
+    """Evidence for all other effect classes, summed over separate runs."""
     shared = {family.name for family in TWO_RUN_EFFECT_CLASSES}
     families, total = [family for family in EFFECT_CLASSES if family.name not in shared], dict[str, float]()
     for run in runs:
@@ -263,13 +270,13 @@ def _run_by_run(runs: Sequence[HyperparameterGrid]) -> dict[str, float]:
     return total
 
 
-def _decided(screening: _Heard) -> SharedEffect:
-    gradient = _Shared(screening.joined, screening.family, screening.size_px)
+def _shared_effect(screening: _JointEvidence) -> SharedEffect:
+    gradient = _JointObjective(screening.joined, screening.family, screening.size_px)
     values = optimise_parameters(
         gradient, {nonlinear_parameter.name: 0.0 for nonlinear_parameter in screening.family.nonlinear_parameters} | screening.values
     )
-    basis_fields, against = gradient.laws(values), gradient.evaluate(values)
-    assert basis_fields is not None  # it was seen on the grid
+    basis_fields, against = gradient.basis_fields(values), gradient.evaluate(values)
+    assert basis_fields is not None  # it was observable on the grid
     assert against is not None
     mean, covariance = against.amplitudes(0, screening.size_px)
     sigmas, follows = parameter_uncertainty(gradient, values, mean)
@@ -285,5 +292,5 @@ def _decided(screening: _Heard) -> SharedEffect:
 
 
 def _largest_px(family: EffectClass, scene: RunGeometry, values: Values, like: BasisField, amplitudes: Array) -> float:
-    basis_field = family.law(scene, values)
+    basis_field = family.basis_field(scene, values)
     return 0.0 if basis_field is None else float(np.max(np.hypot(*np.moveaxis(basis_field.rescaled_to(like).field_px @ amplitudes, -1, 0))))

@@ -1,8 +1,8 @@
-"""Two runs, the second with its scan turned: the scan's axes, and whether the distortion turned with the scan or stayed with the column.
+"""Comparison of two runs, the second with a rotated scan: scan axes, and whether the distortion rotates with the scan.
 
-A distortion E1 of the column is seen as E2(R) = T E1(T^-1 R) once the scan is turned, T being what carries a move of the picture from the
-first run to the second; one of the scan is the same in both. Between them stands a distortion of the column with ramps of the scan that
-are curved, each along its own axis.
+A distortion E1 fixed in the column becomes E2(R) = T E1(T^-1 R) after the rotation, where T maps image motion of the first run to that of
+the second. A distortion fixed in the scan is equal in both runs. The third hypothesis is a distortion of the column with nonlinear scan
+ramps, each along its axis.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
-from semlive.data.diagnosis import Outcome, ParameterEstimate, ScanRotation, SharedEffect, TwoRunVerdict
+from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
+from semlive.data.diagnosis.two_runs import ScanRotation, SharedEffect, TwoRunVerdict
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.two_runs.disc_basis import AFFINE, DiscDistortion, disc_radius_px, distortion_on_disc, modes
@@ -24,11 +25,11 @@ from semlive.errors import IllPosed
 
 Array = NDArray[np.float64]
 RAMP_EFFECT_NAME = "scan_nonlinearity"
-SCAN_TIME_TOLERANCE = 0.01  # of a dwell or a row time: less is no other scan
-SIZES_PX = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # of a distortion's polynomials of the second order; half of it for each further one
-RAMP_SIZES_PX = (0.03, 0.1, 0.3, 1.0, 3.0)  # at the frame's edge
-CENTRE_PX = 5.0  # between the frame's centre and that about which the scan is turned
-LEAST_DISC_PX = 50.0
+SCAN_TIME_TOLERANCE = 0.01  # relative difference of dwell or row time below which scan times count as equal
+SIZES_PX = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)  # prior size of second-order polynomials; half of it for each further order
+RAMP_SIZES_PX = (0.03, 0.1, 0.3, 1.0, 3.0)  # at the edge of the frame
+CENTRE_PX = 5.0  # prior distance of the centre of rotation from the frame centre
+MIN_DISC_RADIUS_PX = 50.0
 _STEP = 1e-4
 _RAMPS = ("quadratic_x_px", "cubic_x_px", "quadratic_y_px", "cubic_y_px")
 
@@ -39,10 +40,10 @@ class DistortionPair:
 
     Attributes:
         value_px: (4 k,) polynomials along x and y of the first run, then of the second.
-        covariance_px2: (4 k, 4 k).
-        column_fixed_map: (2 k, 2 k) from the first run's to those of the second, where the distortion stays with the column.
-        nuisance_covariance_px2: (2 k, 2 k) what turn, axes and centre leave open of them.
-        ramps: (2 k, 4) curved ramps of 1 px at the frame's edge.
+        covariance_px2: (4 k, 4 k) covariance of the values.
+        column_fixed_map: (2 k, 2 k) map from the first run to the second for a distortion fixed in the column.
+        nuisance_covariance_px2: (2 k, 2 k) covariance by the uncertainty of rotation, axes and centre.
+        ramps: (2 k, 4) nonlinear ramps of 1 px at the edge of the frame.
     """
 
     value_px: Array
@@ -53,8 +54,8 @@ class DistortionPair:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Heard:
-    """How likely the fields are, a size being the likeliest of those tried: its logarithm, and what the scan's part then is."""
+class _HypothesisFit:
+    """Log likelihood of a hypothesis at its most likely size, and amplitudes of the scan ramps with their covariance."""
 
     log: float
     part_px: Array
@@ -62,21 +63,21 @@ class _Heard:
 
 
 def analyse_scan_rotation(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict | None:
-    """What two runs show, of which the second's scan was turned; None where it was not, or nothing tells.
+    """Verdict of two runs with a rotated scan in the second; None if it was not rotated or the data do not determine it.
 
     Args:
-        runs: their baselines, with the effects that are known in them.
+        runs: baselines of the runs, with the given effects.
     """
     if len(runs) != 2:
         return None
     radius_px = min(disc_radius_px(run) for run in runs)
-    if radius_px < LEAST_DISC_PX:
+    if radius_px < MIN_DISC_RADIUS_PX:
         return None
     observed = [distortion_on_disc(run, radius_px) for run in runs]
     axes = scan_axes(runs, [entry.slope for entry in observed])
     if axes is None:
         return None
-    _fit_each_other(runs, axes)
+    _require_comparable(runs, axes)
     half_px = np.asarray(runs[0].design.observation.state.centre_px)
     return verdict(axes, fields_of(observed, axes, radius_px, half_px), half_px)
 
@@ -88,34 +89,34 @@ def scan_times_s(runs: Sequence[HyperparameterGrid]) -> Array:
 
 
 def same_scan_times(times_s: Array) -> bool:
-    """Whether dwell and row times (n, 2) are the same."""
+    """Whether dwell and row times (n, 2) are equal."""
     return float(np.ptp(np.log(times_s), axis=0).max()) < SCAN_TIME_TOLERANCE
 
 
-def _fit_each_other(runs: Sequence[HyperparameterGrid], axes: ScanAxes) -> None:
+def _require_comparable(runs: Sequence[HyperparameterGrid], axes: ScanAxes) -> None:
     degrees = math.degrees(axes.turn.value)
     if not same_scan_times(scan_times_s(runs)):
         raise IllPosed(
-            f"the scan was turned by {degrees:.0f} degrees and has another dwell or row time too: which of both did it cannot be told; "
+            f"the scan was rotated by {degrees:.0f} degrees and has another dwell or row time, too: the two changes cannot be separated; "
             "change one of them at a time"
         )
     centres = [run.design.observation.state.centre_px for run in runs]
     if not np.array_equal(centres[0], centres[1]):
-        raise IllPosed(f"the scan was turned by {degrees:.0f} degrees and the frames have another size: take both runs with one size")
+        raise IllPosed(f"the scan was rotated by {degrees:.0f} degrees and the frame sizes differ: record both runs with one size")
 
 
 def fields_of(observed: Sequence[DiscDistortion], axes: ScanAxes, radius_px: float, half_px: Array) -> DistortionPair:
-    """What is compared of two runs.
+    """Distortions of two runs, prepared for comparison.
 
     Args:
-        observed: their distortions.
-        axes: how the second's scan lies to the first's.
-        radius_px: of the disc.
-        half_px: (2,) from the frame's centre to its edges.
+        observed: distortions of the runs.
+        axes: scan axes of the second run relative to the first.
+        radius_px: radius of the disc.
+        half_px: (2,) distance from the frame centre to its edges.
     """
     first, second = observed
     value_px = first.value_px.ravel()
-    fixed = _stays(axes.matrix, np.zeros(2))
+    fixed = _column_fixed_map(axes.matrix, np.zeros(2))
     scale = np.concatenate((np.sqrt(np.linalg.eigvalsh(axes.covariance).clip(0.0)), np.full(2, CENTRE_PX / radius_px)))
     ways = np.linalg.eigh(axes.covariance)[1]
     slopes = []
@@ -123,7 +124,7 @@ def fields_of(observed: Sequence[DiscDistortion], axes: ScanAxes, radius_px: flo
         at = len(slopes)
         turn = np.zeros((2, 2)) if way is None else way.reshape(2, 2)
         aside = np.eye(2)[at - 4] if way is None else np.zeros(2)
-        ahead, behind = (_stays(axes.matrix + sign * _STEP * turn, sign * _STEP * aside) for sign in (1.0, -1.0))
+        ahead, behind = (_column_fixed_map(axes.matrix + sign * _STEP * turn, sign * _STEP * aside) for sign in (1.0, -1.0))
         slopes.append((ahead - behind) @ value_px * (size / (2.0 * _STEP)))
     loose = np.stack(slopes, axis=1)
     covariance = np.asarray(block_diag(first.covariance_px2, second.covariance_px2))
@@ -131,8 +132,8 @@ def fields_of(observed: Sequence[DiscDistortion], axes: ScanAxes, radius_px: flo
     return DistortionPair(value, covariance, fixed, loose @ loose.T, _ramps(radius_px, half_px))
 
 
-def _stays(between: Array, aside: Array) -> Array:
-    """E1 to T E1(T^-1 (R - a)), by polynomials on the disc; a in radii."""
+def _column_fixed_map(between: Array, aside: Array) -> Array:
+    """Map of E1 to T E1(T^-1 (R - a)) in polynomials on the disc; a in radii."""
     basis = modes()
     return np.asarray(np.kron(between, basis.moved((basis.at - aside) @ np.linalg.inv(between).T)), dtype=np.float64)
 
@@ -140,63 +141,66 @@ def _stays(between: Array, aside: Array) -> Array:
 def _ramps(radius_px: float, half_px: Array) -> Array:
     basis = modes()
     from_centre = basis.at * radius_px / half_px
-    parts = [basis.taken(np.stack((value**2, value**3), axis=-1))[AFFINE:] for value in from_centre.T]
+    parts = [basis.project(np.stack((value**2, value**3), axis=-1))[AFFINE:] for value in from_centre.T]
     return np.asarray(block_diag(*parts))
 
 
-def _believed() -> Array:
-    """(2 k,) variances of polynomials whose second order has 1 px."""
+def _prior_variances() -> Array:
+    """(2 k,) prior variances of the polynomials for 1 px at second order."""
     return np.asarray(np.tile(4.0 ** -(modes().order[AFFINE:] - 2.0), 2), dtype=np.float64)
 
 
-def _heard(fields: DistortionPair, field: Array, ramp_px: float, loose: bool) -> _Heard:
-    """One belief's likelihood.
+def _fit_hypothesis(fields: DistortionPair, field: Array, ramp_px: float, loose: bool) -> _HypothesisFit:
+    """Log likelihood of one hypothesis.
 
     Args:
-        fields: of both runs.
-        field: (4 k, 4 k) covariance of what is believed of the distortions.
-        ramp_px: of the scan's ramps beside them.
-        loose: whether the turn counts.
+        fields: distortions of both runs.
+        field: (4 k, 4 k) prior covariance of the distortions.
+        ramp_px: prior size of additional scan ramps.
+        loose: whether the uncertainty of the rotation contributes.
     """
     spread = field + fields.covariance_px2
     if loose:
         spread[len(fields.column_fixed_map) :, len(fields.column_fixed_map) :] += fields.nuisance_covariance_px2
-    both = np.concatenate((fields.ramps, fields.ramps)) * ramp_px
-    factor = cho_factor(spread + both @ both.T, lower=True)
+    ramps = np.concatenate((fields.ramps, fields.ramps)) * ramp_px
+    factor = cho_factor(spread + ramps @ ramps.T, lower=True)
     gradient = cho_solve(factor, fields.value_px)
     log = -0.5 * float(fields.value_px @ gradient) - float(np.sum(np.log(np.diag(factor[0]))))
-    inner = both.T @ cho_solve(factor, both)
-    return _Heard(log, ramp_px * (both.T @ gradient), ramp_px**2 * (np.eye(inner.shape[0]) - inner))
+    inner = ramps.T @ cho_solve(factor, ramps)
+    return _HypothesisFit(log, ramp_px * (ramps.T @ gradient), ramp_px**2 * (np.eye(inner.shape[0]) - inner))
 
 
-def rotation_hypotheses(fields: DistortionPair) -> dict[str, _Heard]:
-    """The likeliest of each kind: with the `column`, with the `scan`, `both`, or each run by itself (`neither`)."""
-    believed = np.diag(_believed())
-    at_rest, with_scan = np.concatenate((np.eye(len(believed)), fields.column_fixed_map)), np.concatenate((np.eye(len(believed)),) * 2)
-    kinds = {"column": (at_rest @ believed @ at_rest.T, True), "scan": (with_scan @ believed @ with_scan.T, False),
-             "neither": (block_diag(believed, believed), False)}  # fmt: skip
-    found = {name: _likeliest([_heard(fields, size**2 * field, 0.0, loose) for size in SIZES_PX]) for name, (field, loose) in kinds.items()}
+def rotation_hypotheses(fields: DistortionPair) -> dict[str, _HypothesisFit]:
+    """Most likely size of each hypothesis: fixed in the `column`, in the `scan`, in `both`, or separate for each run (`neither`)."""
+    prior = np.diag(_prior_variances())
+    column_fixed, scan_fixed = np.concatenate((np.eye(len(prior)), fields.column_fixed_map)), np.concatenate((np.eye(len(prior)),) * 2)
+    kinds = {"column": (column_fixed @ prior @ column_fixed.T, True), "scan": (scan_fixed @ prior @ scan_fixed.T, False),
+             "neither": (block_diag(prior, prior), False)}  # fmt: skip
+    fits = {
+        name: _most_likely([_fit_hypothesis(fields, size**2 * field, 0.0, loose) for size in SIZES_PX])
+        for name, (field, loose) in kinds.items()
+    }
     column, _ = kinds["column"]
-    ramped = [_likeliest([_heard(fields, size**2 * column, ramp, True) for size in SIZES_PX]) for ramp in RAMP_SIZES_PX]
-    loudest = _likeliest(ramped)
+    ramped = [_most_likely([_fit_hypothesis(fields, size**2 * column, ramp, True) for size in SIZES_PX]) for ramp in RAMP_SIZES_PX]
+    best_ramp = _most_likely(ramped)
     mean = float(np.logaddexp.reduce([hypothesis.log for hypothesis in ramped])) - math.log(len(ramped))
-    return found | {"both": _Heard(mean, loudest.part_px, loudest.covariance_px2)}
+    return fits | {"both": _HypothesisFit(mean, best_ramp.part_px, best_ramp.covariance_px2)}
 
 
-def _likeliest(tried: Sequence[_Heard]) -> _Heard:
-    return max(tried, key=lambda candidate: candidate.log)
+def _most_likely(fits: Sequence[_HypothesisFit]) -> _HypothesisFit:
+    return max(fits, key=lambda candidate: candidate.log)
 
 
 def verdict(axes: ScanAxes, fields: DistortionPair, half_px: Array) -> TwoRunVerdict:
-    """What is named of the scan's axes and ramps, and where the distortion belongs.
+    """Verdict on scan axes, scan ramps and the frame in which the distortion is fixed.
 
-    A distortion that is another in each run has another affine part too, and that is taken for axes: of 25 runs with a new distortion two
-    had such a name. There nothing is named.
+    A distortion that changes between the runs also changes its affine part, which would be attributed to the axes (2 of 25 runs). In this
+    case no effect of the axes is reported.
 
     Args:
-        axes: how the second run's scan lies to the first's.
-        fields: the distortions of both.
-        half_px: (2,) from the frame's centre to its edges.
+        axes: scan axes of the second run relative to the first.
+        fields: distortions of both runs.
+        half_px: (2,) distance from the frame centre to its edges.
     """
     hypotheses, axis_factors = rotation_hypotheses(fields), axes.log_bayes_factors()
     logs = {name: candidate.log for name, candidate in hypotheses.items()}
@@ -214,12 +218,12 @@ def verdict(axes: ScanAxes, fields: DistortionPair, half_px: Array) -> TwoRunVer
     effects.sort(key=lambda candidate: -factors[candidate.name])
     outcome = Outcome.UNKNOWN if follows == "neither" else Outcome.IDENTIFIED if effects else Outcome.NONE
     evidence = tuple(sorted(factors.items(), key=lambda item: -item[1]))
-    facts = ScanRotation(axes.turn, axes.x_excess, axes.skew, follows, of_scan)
-    return TwoRunVerdict(outcome, effects[0] if effects else None, (), evidence, neither_log_odds, tuple(effects), facts)
+    rotation = ScanRotation(axes.turn, axes.x_excess, axes.skew, follows, of_scan)
+    return TwoRunVerdict(outcome, effects[0] if effects else None, (), evidence, neither_log_odds, tuple(effects), rotation)
 
 
 def _follows(logs: dict[str, float]) -> str:
-    """What the distortion goes with: ``column``, ``scan``, ``both``, ``neither``, or nothing where that cannot be told."""
+    """Frame in which the distortion is fixed: ``column``, ``scan``, ``both``, ``neither``; empty if undetermined."""
     candidates = {name: logs[name] for name in ("column", "scan", "both")}
     best = max(candidates, key=lambda name: candidates[name])
     if logs["neither"] > candidates[best] + SIGNIFICANT_LOG_FACTOR:
@@ -230,8 +234,8 @@ def _follows(logs: dict[str, float]) -> str:
     return best if candidates[best] > rival + SIGNIFICANT_LOG_FACTOR else ""
 
 
-def _ramped(fields: DistortionPair, screening: _Heard, follows: str) -> SharedEffect:
-    """What the scan's part is: all of the first run's where it goes with the scan, or the ramps beside what stays."""
+def _ramped(fields: DistortionPair, screening: _HypothesisFit, follows: str) -> SharedEffect:
+    """Effect of the scan ramps: the complete distortion if it is fixed in the scan, otherwise the fitted ramps."""
     k = len(fields.ramps)
     part = fields.value_px[:k] if follows == "scan" else fields.ramps @ screening.part_px
     moved = part.reshape(2, -1) @ modes().values(modes().at)[:, AFFINE:].T

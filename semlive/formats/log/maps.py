@@ -24,9 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap, PoiStatus
-from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
-from semlive.data.strain import StrainField
+from semlive.data.strain import Displacement, StrainField
 from semlive.errors import BadLog
 
 _HEAD = struct.Struct("<4sHH8i")

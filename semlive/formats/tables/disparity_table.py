@@ -42,7 +42,7 @@ PIXELS = ("px", "pixel", "pixels", "pix")
 _IN_PIXELS = ("x", "y", "u", "v", "sigma", "sigmau", "sigmav")
 _TEXT_MARKS = ("status", "converged")
 _SUBSET = re.compile(r"^\*{3}\s*Subset size:\s*(\d+)", re.MULTILINE)
-_STATUSES = sorted(PoiStatus, key=lambda status: -len(status.word))
+_STATUSES = sorted(PoiStatus, key=lambda status: -len(status.label))
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +194,7 @@ def _detected_dialect(keys: list[str]) -> str:
 def _words_to_numbers(body: str, kind: TableDialect) -> str:
     if kind.mark == "status":
         for status in _STATUSES:
-            body = body.replace(status.word, "1" if status is PoiStatus.CONVERGED else "0")
+            body = body.replace(status.label, "1" if status is PoiStatus.CONVERGED else "0")
     if kind.mark == "converged":
         body = body.replace("True", "1").replace("False", "0")
     return body

@@ -1,4 +1,4 @@
-"""Effects that can be named: one file each, with what it does, what it is confounded with, and which experiment decides."""
+"""Dictionary of effects: each module describes one effect, its confounded effects and the experiment that separates them."""
 
 from semlive.model.effects.effect_class import BasisField, EffectClass, NonlinearParameter, ReportedParameter
 from semlive.model.effects.maps import (
@@ -53,12 +53,12 @@ _FILES = (
     dic_subpixel_bias,
 )
 EFFECT_CLASSES: tuple[EffectClass, ...] = tuple(effect.FAMILY for effect in _FILES)
-"""Every effect that is looked for, in the order of the groups: scan, field, specimen, drift, charge and correlation."""
+"""All effect classes of the disparity maps, ordered by groups: scan, field, specimen, drift, charging and correlation."""
 
 TWO_RUN_EFFECT_CLASSES: tuple[EffectClass, ...] = tuple(
     value.FAMILY for value in (flyback_settling, frame_start_settling, line_sync_hum, wrong_row_time)
 )
-"""What two runs with different scans tell from the distortion; one run shows none of them but the last, and that hardly."""
+"""Effects that two runs with different scans separate from distortion; of these, one run shows only the last, and weakly."""
 
 __all__ = [
     "EFFECT_CLASSES",

@@ -1,4 +1,4 @@
-"""What every nameable effect beside the maps has: a name, what happens, and what decides."""
+"""Base of the effect classes that are not observed in disparity maps: name, description and discriminating experiment."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class NamedEffect:
-    """An effect with a name.
+    """An effect of the dictionary.
 
     Attributes:
-        name: canonical.
+        name: canonical name.
         description: what happens, one sentence.
-        discriminating_experiment: the experiment that tells it from its like, one sentence.
-        group: of effects that it is confounded with, or None.
+        discriminating_experiment: the experiment that separates it from confounded effects, one sentence.
+        group: group of confounded effects, or None.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What a nameable effect is: a name, what it is confounded with, what would decide, and the laws that it may follow."""
+"""Effect classes of the disparity maps: name, confounded effects, discriminating experiment and basis fields."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from enum import Enum
 
 import numpy as np
 
-from semlive.data.diagnosis import ParameterEstimate
+from semlive.data.diagnosis.effects import ParameterEstimate
 from semlive.model.effects.run_geometry import Array, RunGeometry, slow_gaussian_process
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportedParameter:
-    """A linear function of a law's amplitudes that people know by a name.
+    """A physical parameter that is a linear function of the amplitudes of a basis field.
 
     Attributes:
-        name: of the parameter.
-        unit: of its value.
-        row: (q,) the function.
+        name: name of the parameter.
+        unit: unit of its value.
+        row: (q,) coefficients of the linear function.
     """
 
     name: str
@@ -29,30 +29,32 @@ class ReportedParameter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BasisField:
-    """One way in which an effect may go, but for its size.
+    """Displacement field of an effect for given nonlinear parameters, up to its amplitudes.
 
     Attributes:
-        field_px: (f, b, 2, q) what unit amplitudes move, about 1 px where it is largest.
-        reported_parameters: what the amplitudes mean.
-        random_amplitude: (name, unit, factor) where the amplitudes are random: their root mean square times the factor is the parameter.
+        field_px: (f, b, 2, q) displacement by unit amplitudes, about 1 px at its maximum.
+        reported_parameters: physical parameters of the amplitudes.
+        random_amplitude: (name, unit, factor) for random amplitudes: the parameter is their root mean square times the factor.
     """
 
     field_px: Array
     reported_parameters: tuple[ReportedParameter, ...] = ()
     random_amplitude: tuple[str, str, float] | None = None
 
-    def rescaled_to(self, other: BasisField) -> BasisField:
-        """The same with amplitudes that mean what they mean in the same family's law on another scene.
+    def rescaled_to(self, target: BasisField) -> BasisField:
+        """The field with amplitudes scaled to those of a basis field of the same class in another run.
 
-        An error of a row time is told by what it moves at most, which is twice as much where rows take twice as long. As it is where what
-        is reported does not tell all amplitudes.
+        The amplitude of a row time error, for example, is its largest displacement, which doubles with the row time. The field is unchanged
+        if the reported parameters do not determine all amplitudes.
         """
-        own, target = (
-            np.array([reported_parameter.row for reported_parameter in basis_field.reported_parameters]) for basis_field in (self, other)
+        own_rows, target_rows = (
+            np.array([reported_parameter.row for reported_parameter in basis_field.reported_parameters]) for basis_field in (self, target)
         )
-        if own.shape != target.shape or own.shape != (self.field_px.shape[-1],) * 2:
+        if own_rows.shape != target_rows.shape or own_rows.shape != (self.field_px.shape[-1],) * 2:
             return self
-        return replace(self, field_px=self.field_px @ np.linalg.solve(own, target), reported_parameters=other.reported_parameters)
+        return replace(
+            self, field_px=self.field_px @ np.linalg.solve(own_rows, target_rows), reported_parameters=target.reported_parameters
+        )
 
 
 Values = Mapping[str, float]
@@ -60,11 +62,11 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True, slots=True)
 class NonlinearParameter:
-    """A parameter that is not linear: a time constant, a period, an instant, a place.
+    """A nonlinear parameter: a time constant, a period, an instant or a position.
 
     Attributes:
-        name: of the parameter.
-        unit: of its value.
+        name: name of the parameter.
+        unit: unit of its value.
         step: distance of neighbouring values on the grid: a factor if `ratio`, else a difference.
         ratio: whether neighbours differ by a factor.
     """
@@ -86,37 +88,37 @@ def _once(scene: RunGeometry) -> Iterable[Values]:
 
 
 class Recurrence(Enum):
-    """What another run on the same instrument has of an effect."""
+    """Recurrence of an effect in another run on the same instrument."""
 
     SAME_AMPLITUDE = "the same amplitudes"
-    NEW_DRAW = "amplitudes of the same size, drawn anew"
-    FOLLOWS_MOVES = "the same, where anything moves"
-    CONTINUES = "a course drawn anew, at the same rate"
-    ONE_TIME = "nothing: it has happened"
+    NEW_DRAW = "independent amplitudes of the same size"
+    FOLLOWS_MOVES = "independent amplitudes of the same size, in runs with moves"
+    CONTINUES = "an independent time course with the same rate"
+    ONE_TIME = "no recurrence"
 
 
 @dataclass(frozen=True, slots=True)
 class EffectClass:
-    """A nameable effect.
+    """An effect class of the dictionary.
 
     Attributes:
-        name: canonical.
+        name: canonical name.
         description: what happens, one sentence.
-        law: on a scene, with values of what is not linear; None where it cannot be seen there.
-        grid: the values that are tried on a scene.
-        nonlinear_parameters: what is not linear and is refined between the values of the grid.
-        group: of effects that it is confounded with, G1 ... G12, or None.
-        discriminating_experiment: the experiment that tells it from those, one sentence.
-        sizes_px: the least and the largest size that is expected of amplitudes.
-        strain_like: whether it looks like strain, so that strain must not be corrected for it.
-        alias_rule: names that parameters of such values have, the likeliest first; none if the effect has its own.
-        recurrence: what another run has of it.
-        linear_in_parameters: whether a law is that of no value of anything plus, for each of the thetas, its value times what it adds at 1.
+        basis_field: basis field for a run geometry and nonlinear parameters; None if it is not observable there.
+        grid: values of the nonlinear parameters to test for a run geometry.
+        nonlinear_parameters: nonlinear parameters, refined between the values of the grid.
+        group: group of confounded effects, G1 ... G12, or None.
+        discriminating_experiment: the experiment that separates it from those, one sentence.
+        sizes_px: smallest and largest expected size of the amplitudes, px.
+        strain_like: whether it resembles strain; then strain must not be corrected for it.
+        alias_rule: names of special cases for given parameter values, the most likely first; empty if there are none.
+        recurrence: recurrence in another run.
+        linear_in_parameters: whether the basis field is a linear function of the nonlinear parameters.
     """
 
     name: str
     description: str
-    law: Callable[[RunGeometry, Values], BasisField | None]
+    basis_field: Callable[[RunGeometry, Values], BasisField | None]
     grid: Callable[[RunGeometry], Iterable[Values]] = _once
     nonlinear_parameters: tuple[NonlinearParameter, ...] = ()
     group: str | None = None
@@ -130,12 +132,12 @@ class EffectClass:
 
 @dataclass(frozen=True, slots=True)
 class SlowDriftLaw:
-    """The law of a shape that wanders slowly in time; its change from the start of frame 0 to the end is reported.
+    """Basis field of a shape with a slow random time course; its change from the start of frame 0 to the end is reported.
 
     Attributes:
-        shape: (f, b, 2, 1) on a scene.
-        parameter: name of the change.
-        unit: of the change.
+        shape: (f, b, 2, 1) shape for a run geometry.
+        parameter: name of the reported change.
+        unit: unit of the change.
         per_px: change for an amplitude of 1 px.
     """
 
@@ -145,7 +147,7 @@ class SlowDriftLaw:
     per_px: Callable[[RunGeometry], float] = field(default=lambda scene: 1.0 / scene.half_px)
 
     def __call__(self, scene: RunGeometry, values: Values) -> BasisField:
-        """Any slow wandering."""
+        """Basis field of the shape times slow random functions of time."""
         del values
         columns = slow_gaussian_process(scene.time_s)
         last = np.unravel_index(int(np.argmax(scene.time_s)), scene.time_s.shape)
@@ -154,6 +156,6 @@ class SlowDriftLaw:
 
 
 def xy_parameters(unit: str, per_px: float = 1.0) -> tuple[ReportedParameter, ...]:
-    """What the two amplitudes of a shape along x and along y mean: ``x_<unit>`` and ``y_<unit>``."""
+    """Reported parameters of the amplitudes of a shape along x and along y: ``x_<unit>`` and ``y_<unit>``."""
     name = unit.replace("/", "_per_").lower()
     return tuple(ReportedParameter(f"{axis}_{name}", unit, row * per_px) for axis, row in zip("xy", np.eye(2), strict=True))

@@ -1,4 +1,4 @@
-"""Effects of grey levels: the frames' intensity tells them, and displacements do not, or not alone."""
+"""Effects on the grey levels: the intensity of the frames shows them, displacements do not, or not alone."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class IntensityEffectClass(NamedEffect):
 CONTAMINATION = IntensityEffectClass(
     "contamination",
     "carbon grows where the beam has been: I *= 1 - c T, mean and contrast alike",
-    "pairs on a fresh field: contamination begins anew there, brightness and focus go on",
+    "pairs on a fresh field: contamination restarts there, brightness and focus changes continue",
     "G12",
 )
 DEFOCUS = IntensityEffectClass(
     "defocus",
-    "the focus wanders: the probe's sigma is r T px, added in squares, and the mean grey stays",
-    "a focus series: the sharpest image is elsewhere when the focus has wandered, and carbon stays where it is",
+    "the focus drifts: the probe's sigma is r T px, added in quadrature, and the mean grey level is constant",
+    "a focus series: the sharpest image has moved if the focus has drifted; contamination does not change it",
     "G12",
 )
 GAMMA_CHANGE = IntensityEffectClass(
@@ -32,7 +32,7 @@ GAMMA_CHANGE = IntensityEffectClass(
 )
 CHARGING_JUMP = IntensityEffectClass(
     "charging_jump",
-    "charge breaks down now and then: the picture jumps, with a flash in some rows",
+    "charge breaks down at random instants: the image jumps, with a flash in some rows",
     "a lower current or voltage, or a coat: flashes and jumps of charge become rarer, slips of the specimen do not",
     "G9",
 )
@@ -40,5 +40,5 @@ INTENSITY_EFFECTS = (CONTAMINATION, DEFOCUS, GAMMA_CHANGE, CHARGING_JUMP)
 
 
 def intensity_effect(name: str) -> IntensityEffectClass | None:
-    """The effect of grey levels of a name; None if it is none."""
+    """The intensity effect of a name; None if there is none."""
     return next((effect for effect in INTENSITY_EFFECTS if effect.name == name), None)

@@ -1,4 +1,4 @@
-"""Scene: where and when every frame saw every block of points, and what was known then. Effects are predicted on it."""
+"""Run geometry: positions and times at which every frame observed every block of points, for the prediction of effects."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ class RunGeometry:
 
     Attributes:
         address_px: (f, b, 2) scan address relative to the image centre.
-        disparity_px: (f, b, 2) since frame 0, as first estimated: free of noise.
-        time_s: (f, b) when the beam was there, seconds after the start of frame 0.
-        time_in_frame_s: (f, b) the same after the start of the frame.
-        time_in_row_s: (f, b) the same after the start of the row, in one pass.
-        drift_rate_px_s: (f, b, 2) of the drift as first estimated, from frame to frame of a pair; over time interpolated.
-        distortion_px: (f, b, 2) as first estimated.
-        half_px: half the image's width.
+        disparity_px: (f, b, 2) disparity since frame 0 by the first estimate, without noise.
+        time_s: (f, b) scan time, seconds after the start of frame 0.
+        time_in_frame_s: (f, b) scan time after the start of the frame, s.
+        time_in_row_s: (f, b) scan time after the start of the row, in one pass, s.
+        drift_rate_px_s: (f, b, 2) drift rate by the first estimate between the frames of a pair, interpolated over time.
+        distortion_px: (f, b, 2) distortion by the first estimate.
+        half_px: half of the image width.
         frame: (f,) numbers of the frames.
         pair: (f,) numbers of their pairs.
         loaded: (f,) whether the pair belongs to the tension phase.
-        gradient_free: (f,) whether the specimen's gradient is free in the pair; in the calibration it only moves and turns.
+        gradient_free: (f,) whether the displacement gradient of the specimen is free in the pair; calibration pairs have rigid motion.
         start_s: (f,) start of the scan, seconds after that of frame 0.
         load_n: (f,) mean load, 0 without a load frame.
-        load_change_n: (f,) change of the load by the step before the pair.
-        move_px: (f, 2) commanded translation by the step before the pair.
-        since_step_s: (f,) from the end of that step to the start of the scan.
-        drift_knot_s: distance of the knots of the drift's spline.
-        distortion_knot_px: the largest distance of the knots of the distortion's spline.
+        load_change_n: (f,) change of the load by the step before the pair, N.
+        move_px: (f, 2) commanded translation by the step before the pair, px.
+        since_step_s: (f,) time from the end of that step to the start of the scan, s.
+        drift_knot_s: knot distance of the drift spline, s.
+        distortion_knot_px: largest knot distance of the distortion spline, px.
     """
 
     address_px: Array
@@ -68,28 +68,28 @@ class RunGeometry:
 
     @property
     def load(self) -> Array:
-        """(f, 1) load, of the highest there was; zero without a load frame."""
+        """(f, 1) load relative to the highest load of the run; zero without a load frame."""
         highest = float(np.abs(self.load_n).max())
         return np.where(self.loaded, self.load_n / (highest or 1.0), 0.0)[:, None]
 
     @property
     def highest_n(self) -> float:
-        """The highest load there was, N."""
+        """The highest load of the run, N."""
         return float(np.abs(self.load_n).max())
 
     @property
     def end_s(self) -> float:
-        """When the last block was seen."""
+        """Scan time of the last block, seconds after the start of frame 0."""
         return float(self.time_s.max())
 
     @property
     def row_start_s(self) -> Array:
-        """(f, b) when the row began, after the start of the frame."""
+        """(f, b) start of the row, seconds after the start of the frame."""
         return self.time_in_frame_s - self.time_in_row_s
 
     @property
     def since_step_at_s(self) -> Array:
-        """(f, b) since the end of the step before the pair."""
+        """(f, b) time since the end of the step before the pair, s."""
         return self.since_step_s[:, None] + self.time_in_frame_s
 
 
@@ -110,7 +110,7 @@ def times_time_columns(shape: Array, columns: Array) -> Array:
 
 
 def exponential_decay(scene: RunGeometry, steps: Array, time_constant_s: float) -> Array:
-    """(f, b, c) what is left of the steps (f, c) before all pairs so far, exp(-(T - T_k) / tau) of each."""
+    """(f, b, c) sum of the exponential decays exp(-(T - T_k) / tau) of all steps (f, c) so far."""
     first = np.flatnonzero(np.diff(scene.pair, prepend=scene.pair[0] - 1))
     since_s = scene.time_s - (scene.start_s - scene.since_step_s)[first, None, None]
     decay = np.where(since_s >= 0.0, np.exp(-np.maximum(since_s, 0.0) / time_constant_s), 0.0)
@@ -118,11 +118,11 @@ def exponential_decay(scene: RunGeometry, steps: Array, time_constant_s: float) 
 
 
 def slow_gaussian_process(time_s: Array, share: float = 0.5) -> Array:
-    """(f, b, q) columns whose random sums wander slowly from 0 at the start of frame 0: a Gaussian process of unit variance.
+    """(f, b, q) columns of a slow Gaussian process of unit variance that is 0 at the start of frame 0.
 
     Args:
-        time_s: (f, b).
-        share: its correlation time, of the whole run.
+        time_s: (f, b) scan times, s.
+        share: correlation time, as a fraction of the run.
     """
     end_s = float(time_s.max())
     knots = np.linspace(0.0, end_s, _KNOTS)

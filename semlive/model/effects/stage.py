@@ -1,4 +1,4 @@
-"""Effects of the stage, as commanded and fitted moves tell them: maps hold them for moves, and moves are free."""
+"""Effects of the stage, observed as differences of commanded and fitted moves; the maps alone fit them as specimen motion."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ class StageEffectClass(NamedEffect):
 
 
 BACKLASH = StageEffectClass(
-    "stage_backlash", "where the stage stops depends on where it came from: m = c + b sign(dc)", "the same places from the other side"
+    "stage_backlash",
+    "the final position depends on the direction of approach: m = c + b sign(dc)",
+    "the same positions approached from the other side",
 )
 QUADRATIC = StageEffectClass(
-    "stage_quadratic", "the stage's scale changes along its way: m = c + q c^2", "the same moves about another place"
+    "stage_quadratic", "the scale of the stage depends on its position: m = c + q c^2", "the same moves about another position"
 )
 MOVES = (BACKLASH, QUADRATIC)
 
 
 def non_map_effect(name: str) -> RowEffectClass | StageEffectClass | LoadEffectClass | IntensityEffectClass | None:
-    """An effect that another channel than the disparity maps shows; None if it is none."""
+    """The effect of a name that is observed in another channel than the disparity maps; None if there is none."""
     return (
         row_effect(name) or load_effect(name) or intensity_effect(name) or next((effect for effect in MOVES if effect.name == name), None)
     )

@@ -37,38 +37,38 @@ class CsvWriter:
         """Write one frame, a point in each line."""
         write_table(self._out / f"frame_{frame.summary.frame:05d}.csv", frame_fields(frame))
 
-    def write_metadata(self, story: RunMetadata) -> None:
+    def write_metadata(self, metadata: RunMetadata) -> None:
         """Write the series."""
-        write_table(self._out / "series.csv", frame_series(story), {"phase": phases(story)})
-        write_table(self._out / "drift.csv", drift_series(story.result))
-        write_table(self._out / "distortion.csv", distortion_fields(story.result))
-        if story.load is not None:
-            write_table(self._out / "load.csv", load_series(story.load))
-        write_json_files(self._out, story)
+        write_table(self._out / "series.csv", frame_series(metadata), {"phase": phases(metadata)})
+        write_table(self._out / "drift.csv", drift_series(metadata.result))
+        write_table(self._out / "distortion.csv", distortion_fields(metadata.result))
+        if metadata.load is not None:
+            write_table(self._out / "load.csv", load_series(metadata.load))
+        write_json_files(self._out, metadata)
 
     def close(self, complete: bool) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""
 
 
-def write_json_files(folder: Path, story: RunMetadata) -> None:
+def write_json_files(folder: Path, metadata: RunMetadata) -> None:
     """Result, settings and configuration as JSON files."""
-    for name, value in (("result", story.result_json), ("settings", story.settings), ("configuration", story.configuration)):
+    for name, value in (("result", metadata.result_json), ("settings", metadata.settings), ("configuration", metadata.configuration)):
         (folder / f"{name}.json").write_text(json.dumps(value, indent=1) + "\n", encoding="utf-8")
 
 
-def write_table(path: Path, arrays: Mapping[str, Array], words: Mapping[str, list[str]] | None = None) -> None:
-    """Arrays of one length (or fields of one shape) as columns, words behind; NaN is an empty cell."""
+def write_table(path: Path, arrays: Mapping[str, Array], texts: Mapping[str, list[str]] | None = None) -> None:
+    """Write arrays of one length (or fields of one shape) as columns, followed by text columns; NaN is an empty cell."""
     columns = [_column(array) for array in arrays.values()]
     names = [_named(name) for name in arrays]
-    for name, texts in (words or {}).items():
+    for name, column in (texts or {}).items():
         names.append(name)
-        columns.append(texts)
+        columns.append(column)
     lines = [",".join(names), *map(",".join, zip(*columns, strict=True)), ""]
     path.write_text("\n".join(lines), encoding="ascii", newline="\n")
 
 
 def _named(name: str) -> str:
-    """The column's name with its unit."""
+    """Name of the column with its unit."""
     unit = UNITS.get(name, "1")
     return name if unit == "1" or name.endswith("_" + unit.lower()) else f"{name}_{unit.lower()}"
 
@@ -76,5 +76,5 @@ def _named(name: str) -> str:
 def _column(array: Array) -> list[str]:
     flat = array.ravel()
     if flat.dtype.kind in "bui":
-        return [str(int(one)) for one in flat.tolist()]
-    return ["" if np.isnan(one) else repr(one) for one in flat.tolist()]
+        return [str(int(number)) for number in flat.tolist()]
+    return ["" if np.isnan(number) else repr(number) for number in flat.tolist()]

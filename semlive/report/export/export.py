@@ -29,7 +29,7 @@ WRITERS: dict[Format, Callable[[Path], Writer]] = {
 
 
 def export_log(
-    asked: ReplayRequest,
+    request: ReplayRequest,
     kind: Format,
     out: Path,
     progress: Callable[[str, int, int], None] | None = None,
@@ -38,32 +38,32 @@ def export_log(
     """Write a log's corrected fields, one frame in memory at a time.
 
     Args:
-        asked: the log; without a source its disparity maps are taken.
+        request: the log; without a source its disparity maps are used.
         kind: format.
         out: file (hdf5, mat) or folder (csv, vtk, png).
-        progress: told what is done, how much of it, of how much.
-        by: who replays.
+        progress: called with the name of the task, the finished part and the total.
+        by: name of the replaying program.
 
     Raises:
         BadInput: the log cannot be read, its calibration is refused, or `out` cannot be written.
     """
-    asked = asked if asked.source is not None else replace(asked, source=Source.DISPARITY)
+    request = request if request.source is not None else replace(request, source=Source.DISPARITY)
     try:
         writer = WRITERS[kind](out)
         complete = False
         try:
-            done = by(asked, ReplayCallbacks(progress, None, writer.write_frame, point_sigma=True))
-            require_calibration(asked.log, done)
-            writer.write_metadata(run_metadata(asked.log, done))
+            done = by(request, ReplayCallbacks(progress, None, writer.write_frame, point_sigma=True))
+            require_calibration(request.log, done)
+            writer.write_metadata(run_metadata(request.log, done))
             complete = True
         finally:
             writer.close(complete)
     except OSError as error:
-        raise BadInput(f"{out}: cannot be written ({error.strerror or error}); give a path that can.") from error
+        raise BadInput(f"{out}: cannot be written ({error.strerror or error}); give a writable path.") from error
     return done
 
 
 def run_metadata(log: Path, done: ReplayResult) -> RunMetadata:
-    """What is told of a replayed log besides its frames."""
-    told = result_json(done.result, done.settings)
-    return RunMetadata(log_name(log), done.result, told, as_keys(done.settings), first_run(log).config, load_series(log))
+    """Metadata of a replayed log: result, settings, configuration and load."""
+    result = result_json(done.result, done.settings)
+    return RunMetadata(log_name(log), done.result, result, as_keys(done.settings), first_run(log).config, load_series(log))

@@ -1,4 +1,4 @@
-"""What is exported: the same fields, series and units in every format."""
+"""Exported fields, series and units, equal in every format."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive.data.loading import LoadSeries
 from semlive.data.results import FrameResult, RunResult
-from semlive.data.series import LoadSeries
 
 Array = NDArray[Any]
 FORMAT_VERSION = 1
@@ -44,7 +44,7 @@ UNITS: Mapping[str, str] = {
     "shift_x_px": "px",
     "shift_y_px": "px",
 }
-"""Units by name; what is not here has none."""
+"""Units by name; other quantities are dimensionless."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,14 +87,14 @@ class Format(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunMetadata:
-    """What is told of a run besides its frames.
+    """Metadata of a run.
 
     Attributes:
-        name: of the log.
+        name: name of the log.
         result: estimate, decisions and summaries.
         result_json: the result as `semlive replay --json` prints it.
-        settings: every setting by its whole name.
-        configuration: the run's, as the log has it.
+        settings: every setting by its full name.
+        configuration: configuration of the run from the log.
         load: load as sampled, None without a load frame.
     """
 
@@ -107,18 +107,18 @@ class RunMetadata:
 
 
 class Writer(Protocol):
-    """One export: every frame in turn, then the story."""
+    """Writer of one export: every frame in turn, then the metadata."""
 
     def write_frame(self, frame: FrameResult) -> None:
         """Write one frame."""
         ...
 
-    def write_metadata(self, story: RunMetadata) -> None:
-        """Write everything else."""
+    def write_metadata(self, metadata: RunMetadata) -> None:
+        """Write series, estimate and configuration."""
         ...
 
     def close(self, complete: bool) -> None:
-        """Finish; what is not complete is removed."""
+        """Finish the export; an incomplete file is removed."""
         ...
 
 
@@ -126,7 +126,7 @@ def frame_fields(frame: FrameResult) -> dict[str, Array]:
     """(ny, nx) fields of a frame by name; zero and meaningless where not `valid`, strain where not `strain_valid`."""
     moved, strain = frame.displacement, frame.strain
     x, y = moved.grid.mesh()
-    told = {"systematic_u": moved.systematic_u_px, "systematic_v": moved.systematic_v_px}
+    systematic_fields = {"systematic_u": moved.systematic_u_px, "systematic_v": moved.systematic_v_px}
     return {
         "x": x,
         "y": y,
@@ -139,7 +139,7 @@ def frame_fields(frame: FrameResult) -> dict[str, Array]:
         "sigma_v": np.where(moved.valid, moved.sigma_v_px, 0.0),
         "valid": moved.valid,
         "strain_valid": strain.valid,
-        **{name: np.where(moved.valid, sigma, 0.0) for name, sigma in told.items() if sigma is not None},
+        **{name: np.where(moved.valid, sigma, 0.0) for name, sigma in systematic_fields.items() if sigma is not None},
     }
 
 
@@ -166,40 +166,42 @@ def distortion_fields(result: RunResult) -> dict[str, Array]:
 
 def load_series(load: LoadSeries) -> dict[str, Array]:
     """Load as sampled."""
-    found: dict[str, Array] = {"time_ns": load.time_ns, "force_n": load.force_n, "extension_mm": load.extension_mm}
-    return found if load.gage_strain is None else {**found, "gage_strain": load.gage_strain}
+    fields: dict[str, Array] = {"time_ns": load.time_ns, "force_n": load.force_n, "extension_mm": load.extension_mm}
+    return fields if load.gage_strain is None else {**fields, "gage_strain": load.gage_strain}
 
 
-def frame_series(story: RunMetadata) -> dict[str, Array]:
-    """(frames,) one number for each frame: when, load, shift, mean strain with its uncertainty; NaN where there is none."""
-    decisions = {one.pair: one for one in story.result.decisions}
-    infos = [(decisions[one["pair"]].first, decisions[one["pair"]].second)[one["frame"] % 2] for one in story.result_json["frames"]]
+def frame_series(metadata: RunMetadata) -> dict[str, Array]:
+    """(frames,) series by name: scan time, load, shift, mean strain with its uncertainty; NaN without a value."""
+    decisions = {decision.pair: decision for decision in metadata.result.decisions}
+    infos = [
+        (decisions[entry["pair"]].first, decisions[entry["pair"]].second)[entry["frame"] % 2] for entry in metadata.result_json["frames"]
+    ]
     zero_ns = infos[0].start_time_ns.value
-    frames = story.result_json["frames"]
+    frames = metadata.result_json["frames"]
     series: dict[str, Array] = {
-        "frame": np.array([one["frame"] for one in frames]),
-        "pair": np.array([one["pair"] for one in frames]),
+        "frame": np.array([frame["frame"] for frame in frames]),
+        "pair": np.array([frame["pair"] for frame in frames]),
         "start_s": np.array([(info.start_time_ns.value - zero_ns) / 1e9 for info in infos]),
-        "load_n": np.array([np.nan if one["load_n"] is None else one["load_n"] for one in frames]),
-        "gage_strain": np.array([np.nan if one["gage_strain"] is None else one["gage_strain"] for one in frames]),
-        "shift_x_px": np.array([one["shift_px"][0] for one in frames]),
-        "shift_y_px": np.array([one["shift_px"][1] for one in frames]),
+        "load_n": np.array([np.nan if frame["load_n"] is None else frame["load_n"] for frame in frames]),
+        "gage_strain": np.array([np.nan if frame["gage_strain"] is None else frame["gage_strain"] for frame in frames]),
+        "shift_x_px": np.array([frame["shift_px"][0] for frame in frames]),
+        "shift_y_px": np.array([frame["shift_px"][1] for frame in frames]),
     }
     for key, name in (("strain_mean", "{}_mean"), ("strain_mean_sigma", "{}_mean_sigma"), ("strain_sd", "{}_sd")):
         for component in ("exx", "eyy", "exy"):
-            series[name.format(component)] = np.array([one[key][component] for one in frames])
+            series[name.format(component)] = np.array([frame[key][component] for frame in frames])
     for component in ("exx", "eyy", "exy"):
-        systematic = ((one["strain_mean_systematic"] or {}).get(component, np.nan) for one in frames)
+        systematic = ((frame["strain_mean_systematic"] or {}).get(component, np.nan) for frame in frames)
         series[f"{component}_mean_systematic"] = np.fromiter(systematic, dtype=np.float64)
     return series
 
 
-def phases(story: RunMetadata) -> list[str]:
+def phases(metadata: RunMetadata) -> list[str]:
     """The phase of each frame."""
-    return [one["phase"] for one in story.result_json["frames"]]
+    return [entry["phase"] for entry in metadata.result_json["frames"]]
 
 
-def constants(story: RunMetadata) -> dict[str, float]:
+def constants(metadata: RunMetadata) -> dict[str, float]:
     """Elastic constants and their standard uncertainties; empty where they are not known."""
-    elastic = story.result_json["elastic"] or {}
+    elastic = metadata.result_json["elastic"] or {}
     return {name if part == "value" else f"{name}_sigma": value[part] for name, value in elastic.items() for part in ("value", "sigma")}

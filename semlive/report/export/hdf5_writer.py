@@ -37,17 +37,17 @@ class Hdf5Writer:
             for component in ("exx", "eyy", "exy"):
                 group.attrs[f"{name}_{component}"] = getattr(value, component)
 
-    def write_metadata(self, story: RunMetadata) -> None:
+    def write_metadata(self, metadata: RunMetadata) -> None:
         """Write series, estimate and configuration."""
-        write_metadata(self._file, story)
-        for one in story.result_json["frames"]:
-            attrs = self._frames[str(one["frame"])].attrs
-            attrs["pair"], attrs["phase"] = one["pair"], one["phase"]
-            if one["load_n"] is not None:
-                attrs["load_n"] = one["load_n"]
+        write_metadata(self._file, metadata)
+        for entry in metadata.result_json["frames"]:
+            attrs = self._frames[str(entry["frame"])].attrs
+            attrs["pair"], attrs["phase"] = entry["pair"], entry["phase"]
+            if entry["load_n"] is not None:
+                attrs["load_n"] = entry["load_n"]
 
     def close(self, complete: bool) -> None:
-        """Put the file in its place, or remove what there is of it."""
+        """Rename the complete file to its final name, or remove an incomplete one."""
         self._file.close()
         self._part.finish(complete)
 
@@ -61,25 +61,25 @@ def write_arrays(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
             data.attrs["units"] = fields.UNITS[name]
 
 
-def write_metadata(group: h5py.Group, story: RunMetadata) -> None:
-    """Everything but the frames."""
+def write_metadata(group: h5py.Group, metadata: RunMetadata) -> None:
+    """Write series, estimate and configuration."""
     group.attrs["format"] = "semlive export"
     group.attrs["format_version"] = fields.FORMAT_VERSION
     group.attrs["semlive"] = version("semlive")
-    measure = MEASURES[story.settings["estimate.strain.measure"]]
+    measure = MEASURES[metadata.settings["estimate.strain.measure"]]
     group.attrs["conventions"] = (
         f"x right, y down, px of frame 0; u and v corrected, from frame 0; {measure}, tension positive; exy tensor shear"
     )
-    group.attrs["noise_floor_px"] = story.result_json["noise_floor_px"]
-    write_arrays(group.create_group("drift"), fields.drift_series(story.result))
-    write_arrays(group.create_group("distortion"), fields.distortion_fields(story.result))
+    group.attrs["noise_floor_px"] = metadata.result_json["noise_floor_px"]
+    write_arrays(group.create_group("drift"), fields.drift_series(metadata.result))
+    write_arrays(group.create_group("distortion"), fields.distortion_fields(metadata.result))
     series = group.create_group("series")
-    write_arrays(series, fields.frame_series(story))
-    series.create_dataset("phase", data=fields.phases(story), dtype=h5py.string_dtype())
-    if story.load is not None:
-        write_arrays(group.create_group("load"), fields.load_series(story.load))
+    write_arrays(series, fields.frame_series(metadata))
+    series.create_dataset("phase", data=fields.phases(metadata), dtype=h5py.string_dtype())
+    if metadata.load is not None:
+        write_arrays(group.create_group("load"), fields.load_series(metadata.load))
     elastic = group.create_group("elastic")
-    for name, value in fields.constants(story).items():
+    for name, value in fields.constants(metadata).items():
         elastic.attrs[name] = value
-    for name, value in (("configuration", story.configuration), ("settings", story.settings), ("result", story.result_json)):
+    for name, value in (("configuration", metadata.configuration), ("settings", metadata.settings), ("result", metadata.result_json)):
         group.create_dataset(name, data=json.dumps(value), dtype=h5py.string_dtype())

@@ -21,7 +21,7 @@ _HEADER_BYTES = 128
 class MatWriter:
     """Variables ``frame_00000``, ``frame_00001``, ...; ``drift``, ``distortion``, ``series``, ``load``, ``elastic``, ``units``; JSON texts.
 
-    The file is a header and one variable after the other, so each is written as soon as it is known and memory holds one.
+    The file is a header followed by the variables, so each variable is written when it is available, and memory holds only one.
     """
 
     def __init__(self, out: Path) -> None:
@@ -32,24 +32,24 @@ class MatWriter:
         """Write one frame's structure."""
         self._put(f"frame_{frame.summary.frame:05d}", _plain(fields.frame_fields(frame)))
 
-    def write_metadata(self, story: RunMetadata) -> None:
+    def write_metadata(self, metadata: RunMetadata) -> None:
         """Write the rest."""
-        self._put("drift", _plain(fields.drift_series(story.result)))
-        self._put("distortion", _plain(fields.distortion_fields(story.result)))
-        self._put("series", {**_plain(fields.frame_series(story)), "phase": np.array(fields.phases(story), dtype=object)})
-        if story.load is not None:
-            self._put("load", _plain(fields.load_series(story.load)))
-        self._put("elastic", fields.constants(story))
+        self._put("drift", _plain(fields.drift_series(metadata.result)))
+        self._put("distortion", _plain(fields.distortion_fields(metadata.result)))
+        self._put("series", {**_plain(fields.frame_series(metadata)), "phase": np.array(fields.phases(metadata), dtype=object)})
+        if metadata.load is not None:
+            self._put("load", _plain(fields.load_series(metadata.load)))
+        self._put("elastic", fields.constants(metadata))
         self._put("units", dict(fields.UNITS))
         for name, value in (
-            ("result_json", story.result_json),
-            ("settings_json", story.settings),
-            ("configuration_json", story.configuration),
+            ("result_json", metadata.result_json),
+            ("settings_json", metadata.settings),
+            ("configuration_json", metadata.configuration),
         ):
             self._put(name, json.dumps(value))
 
     def close(self, complete: bool) -> None:
-        """Put the file in its place, or remove what there is of it."""
+        """Rename the complete file to its final name, or remove an incomplete one."""
         self._stream.close()
         self._part.finish(complete)
 

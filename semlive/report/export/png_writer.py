@@ -26,18 +26,18 @@ class PngWriter:
         title = f"frame {summary.frame}, virtual strain gauge {summary.vsg_px:.0f} px"
         (self._out / f"frame_{summary.frame:05d}.png").write_bytes(figures.png(figures.field_maps(frame, title)))
 
-    def write_metadata(self, story: RunMetadata) -> None:
+    def write_metadata(self, metadata: RunMetadata) -> None:
         """Draw the rest."""
-        drawn = {"drift": figures.drift_over_time(story.result), "distortion": figures.distortion_fields(story.result)}
-        if story.load is not None and story.load.time_ns.size:
-            drawn["load"] = figures.load_over_time(story.load, story.result)
-        area_mm2 = story.settings["specimen.area_mm2"]
-        curve = None if area_mm2 is None else figures.stress_strain(story.result, area_mm2, story.settings["specimen.loading_axis"])
+        drawn = {"drift": figures.drift_over_time(metadata.result), "distortion": figures.distortion_fields(metadata.result)}
+        if metadata.load is not None and metadata.load.time_ns.size:
+            drawn["load"] = figures.load_over_time(metadata.load, metadata.result)
+        area_mm2 = metadata.settings["specimen.area_mm2"]
+        curve = None if area_mm2 is None else figures.stress_strain(metadata.result, area_mm2, metadata.settings["specimen.loading_axis"])
         if curve is not None:
             drawn["stress_strain"] = curve
         for name, figure in drawn.items():
             (self._out / f"{name}.png").write_bytes(figures.png(figure))
-        write_json_files(self._out, story)
+        write_json_files(self._out, metadata)
 
     def close(self, complete: bool) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""

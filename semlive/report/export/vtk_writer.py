@@ -42,26 +42,26 @@ class VtkWriter:
         del fields["x"], fields["y"]
         write_image(self._out / _name(frame.summary.frame), frame.displacement.grid, {"displacement": vector, **fields})
 
-    def write_metadata(self, story: RunMetadata) -> None:
+    def write_metadata(self, metadata: RunMetadata) -> None:
         """Write the collection, the distortion and the series."""
-        series = frame_series(story)
+        series = frame_series(metadata)
         files = "".join(
             f'<DataSet timestep="{start_s!r}" part="0" file="{_name(frame)}"/>'
             for frame, start_s in zip(series["frame"].tolist(), series["start_s"].tolist(), strict=True)
         )
         whole = f'<VTKFile type="Collection" version="1.0"><Collection>{files}</Collection></VTKFile>\n'
         (self._out / "frames.pvd").write_text('<?xml version="1.0"?>\n' + whole, encoding="ascii")
-        fields = distortion_fields(story.result)
+        fields = distortion_fields(metadata.result)
         del fields["x"], fields["y"]
-        write_image(self._out / "distortion.vti", story.result.estimate.distortion.grid, fields)
-        write_table(self._out / "series.csv", series, {"phase": phases(story)})
-        write_table(self._out / "drift.csv", drift_series(story.result))
-        if story.load is not None:
-            write_table(self._out / "load.csv", load_series(story.load))
-        write_json_files(self._out, story)
+        write_image(self._out / "distortion.vti", metadata.result.estimate.distortion.grid, fields)
+        write_table(self._out / "series.csv", series, {"phase": phases(metadata)})
+        write_table(self._out / "drift.csv", drift_series(metadata.result))
+        if metadata.load is not None:
+            write_table(self._out / "load.csv", load_series(metadata.load))
+        write_json_files(self._out, metadata)
 
     def close(self, complete: bool) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""
 
 
 def write_image(path: Path, grid: Grid, fields: Mapping[str, Array]) -> None:
@@ -77,11 +77,11 @@ def write_image(path: Path, grid: Grid, fields: Mapping[str, Array]) -> None:
 
 
 def _array(name: str, values: Array) -> str:
-    kept = values.astype(np.uint8) if values.dtype == np.bool_ else values
-    kept = np.ascontiguousarray(kept, dtype=kept.dtype.newbyteorder("<"))
-    raw = np.uint64(kept.nbytes).tobytes() + kept.tobytes()
+    stored = values.astype(np.uint8) if values.dtype == np.bool_ else values
+    stored = np.ascontiguousarray(stored, dtype=stored.dtype.newbyteorder("<"))
+    raw = np.uint64(stored.nbytes).tobytes() + stored.tobytes()
     parts = f' NumberOfComponents="{values.shape[2]}"' if values.ndim == 3 else ""
-    kind = _TYPES[kept.dtype.str[1:]]
+    kind = _TYPES[stored.dtype.str[1:]]
     return f'<DataArray type="{kind}" Name="{name}"{parts} format="binary">{base64.b64encode(raw).decode("ascii")}</DataArray>'
 
 

@@ -1,1 +1,1 @@
-"""Results compared with the truth of a simulation."""
+"""Comparison of results with the truth of a simulation."""

@@ -1,4 +1,4 @@
-"""Measured minus true, with what was stated of it: everything a score and its figures are made from."""
+"""Errors of a run, measured minus true, with their stated uncertainties; input of scores and their figures."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ COMPONENTS = ("exx", "eyy", "exy")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftWithin:
-    """Drift within one frame, counted from its middle: across a motion drift is one number with the motion.
+    """Drift within one frame relative to its middle, because drift between frames is not separable from motion.
 
     Attributes:
         frame: number of the frame.
         time_s: (n,) seconds since frame 0 began.
-        true_px: (n, 2) in the raster with its affine distortion, as for a shift.
-        measured_px: (n, 2).
-        sigma_px: (n, 2) stated.
+        true_px: (n, 2) true drift in the raster with its affine distortion, as for a shift.
+        measured_px: (n, 2) measured drift.
+        sigma_px: (n, 2) stated standard uncertainty.
     """
 
     frame: int
@@ -46,13 +46,13 @@ class DriftWithin:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DistortionError:
-    """Distortion minus truth over subsets, less the best affine map of the difference; unknown translations leave that map open.
+    """Distortion minus truth over subsets, minus the best affine map of the difference, which unknown translations do not determine.
 
     Attributes:
         grid: scan addresses.
         error_px: (ny, nx, 2), zero where not valid.
-        sigma_px: (ny, nx) stated.
-        valid: (ny, nx) where the run claims to know it.
+        sigma_px: (ny, nx) stated standard uncertainty.
+        valid: (ny, nx) points with a valid distortion.
         affine: (2, 2) gradient B of the map removed: true motion s and true drift d are measured as ``s + B s`` and ``d + B d``.
     """
 
@@ -65,13 +65,13 @@ class DistortionError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShiftError:
-    """Motion of the specimen's centre from pair 0 to a pair, drift across the motion included in what was stated.
+    """Motion of the specimen's centre from pair 0 to a pair; the stated uncertainty includes the drift during the motion.
 
     Attributes:
         pair: number of the pair.
-        true_px: (2,) as unknown translations can tell it: in the raster with its affine distortion.
-        measured_px: (2,).
-        sigma_px: (2,) stated.
+        true_px: (2,) true motion in the raster with its affine distortion, as observable with unknown translations.
+        measured_px: (2,) measured motion.
+        sigma_px: (2,) stated standard uncertainty.
     """
 
     pair: int
@@ -82,18 +82,18 @@ class ShiftError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameErrors:
-    """Displacement and strain of one frame.
+    """Errors of displacement and strain of one frame.
 
     Attributes:
         frame: number of the frame.
-        phase: of its pair.
+        phase: phase of the pair.
         load_n: mean load, or None.
-        valid: (ny, nx).
-        displacement_px: (ny, nx, 2) error less its mean (a constant is drift across the motion), zero where not valid.
-        sigma_px: (ny, nx, 2) stated.
+        valid: (ny, nx) valid points.
+        displacement_px: (ny, nx, 2) error minus its mean (a constant is drift during the motion), zero where not valid.
+        sigma_px: (ny, nx, 2) stated standard uncertainty.
         true_strain: (3,) exx, eyy, exy.
-        mean_strain: (3,) measured.
-        mean_sigma: (3,) stated.
+        mean_strain: (3,) measured mean strain.
+        mean_sigma: (3,) stated standard uncertainty of the mean.
         strain_sd: (3,) scatter over the field.
         window_points: edge of the gauge.
     """
@@ -113,15 +113,15 @@ class FrameErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunErrors:
-    """A run against its truth.
+    """Errors of a run.
 
     Attributes:
         grid: the POI.
-        drift: of every frame.
-        distortion: of the field.
-        shifts: of every pair but the first.
-        frames: every frame but frame 0.
-        noise_floor_px: what the run says that its model leaves unexplained.
+        drift: errors of every frame.
+        distortion: error of the distortion.
+        shifts: errors of every pair except the first.
+        frames: errors of every frame except frame 0.
+        noise_floor_px: noise floor estimated by the run.
     """
 
     grid: Grid
@@ -133,14 +133,16 @@ class RunErrors:
 
 
 def compare_with_truth(result: RunResult, truth: Truth) -> RunErrors:
-    """Everything that a run recovered against truth.
+    """Compare all results of a run with the truth.
 
     Raises:
         BadInput: the truth lacks a frame of the run.
     """
     infos = dict(_infos(result))
     distortion = distortion_error(result.estimate.distortion, truth)
-    frames = tuple(_frame_errors(one, _decision(result, one.summary.frame), infos, truth) for one in result.frames if one.summary.frame > 0)
+    frames = tuple(
+        _frame_errors(frame, _decision(result, frame.summary.frame), infos, truth) for frame in result.frames if frame.summary.frame > 0
+    )
     grid = result.frames[0].displacement.grid
     floor_px = result.estimate.noise_floor_px
     return RunErrors(
@@ -154,7 +156,7 @@ def compare_with_truth(result: RunResult, truth: Truth) -> RunErrors:
 
 
 def distortion_error(field: DistortionField, truth: Truth) -> DistortionError:
-    """A distortion field against truth as subsets show it, where it claims to be known."""
+    """Error of a distortion field relative to the truth averaged over subsets, at valid points."""
     x, y = field.grid.mesh()
     address, valid = np.stack((x, y), axis=-1), field.valid
     difference = np.stack((field.ex_px, field.ey_px), axis=-1) - average_over_subset(truth.distortion_at, address, field.grid.subset_px)
@@ -169,13 +171,13 @@ def distortion_error(field: DistortionField, truth: Truth) -> DistortionError:
 
 
 def _infos(result: RunResult) -> Iterator[tuple[int, FrameInfo]]:
-    for one in result.decisions:
-        yield 2 * one.pair, one.first
-        yield 2 * one.pair + 1, one.second
+    for decision in result.decisions:
+        yield 2 * decision.pair, decision.first
+        yield 2 * decision.pair + 1, decision.second
 
 
 def _decision(result: RunResult, frame: int) -> PairDecision:
-    return next(one for one in result.decisions if one.pair == frame // 2)
+    return next(decision for decision in result.decisions if decision.pair == frame // 2)
 
 
 def _drift(result: RunResult, truth: Truth, infos: dict[int, FrameInfo], affine: Field) -> Iterator[DriftWithin]:
@@ -195,17 +197,18 @@ def _from_middle(time_s: Field, value_px: Field) -> Field:
 
 
 def _shifts(result: RunResult, truth: Truth, distortion: DistortionError) -> Iterator[ShiftError]:
-    """With E = E' + a + B R the raster that the run knows shows R - E'(R) = (p + a + B R) + d, and R itself moves with s + d.
+    """Errors of the shifts, with the affine part a + B R of the distortion E = E' + a + B R that translations do not determine.
 
-    So s and d together appear as (1 + B) (s + d). How drift changes within frames shows that (1 + B) d of it is drift's, and
-    (1 + B) s is left for the motion. (Counting B d as motion: 2.2e-3 px off without noise where it is 5e-4, B d being 1.8e-3.)
+    The raster of the run gives R - E'(R) = (p + a + B R) + d, so motion s and drift d appear as (1 + B) (s + d). The change of drift within
+    frames determines (1 + B) d as drift, so the motion is (1 + B) s. (With B d = 1.8e-3 px counted as motion, the error without noise is
+    2.2e-3 px instead of 5e-4 px.)
 
-    A shift is that of the point which the estimate has at the image's centre in frame 0. Its drift and distortion begin at zero there, so
-    that point lies tens of px from the specimen's centre, and what strain makes of that was 0.2 px at 3e-3.
+    A shift is that of the point at the image centre of frame 0 in the estimate. Drift and distortion are zero there by definition, so that
+    point is tens of px from the specimen's centre; without this a strain of 3e-3 caused an error of 0.2 px.
     """
     zero = result.decisions[0]
-    middle = _seen_in_the_middle(result, truth)
-    decisions = {one.pair: one for one in result.decisions}
+    middle = _centre_address(result, truth)
+    decisions = {decision.pair: decision for decision in result.decisions}
     for motion in result.estimate.motions:
         if motion.pair == zero.pair:
             continue
@@ -214,8 +217,8 @@ def _shifts(result: RunResult, truth: Truth, distortion: DistortionError) -> Ite
         yield ShiftError(motion.pair, moved + distortion.affine @ moved, motion.shift_px, motion.shift_sigma_px)
 
 
-def _seen_in_the_middle(result: RunResult, truth: Truth) -> Field:
-    """(2,) address at which frame 0 shows what the estimate has at the image's centre."""
+def _centre_address(result: RunResult, truth: Truth) -> Field:
+    """(2,) scan address in frame 0 of the point that the estimate places at the image centre."""
     field, drift = result.estimate.distortion, result.estimate.drift
     inside = drift.frame == 0
     row, column = (
@@ -227,8 +230,8 @@ def _seen_in_the_middle(result: RunResult, truth: Truth) -> Field:
     return truth.centre_px + drift_px + np.array([field.ex_px[row, column], field.ey_px[row, column]])
 
 
-def _frame_errors(one: FrameResult, decision: PairDecision, infos: dict[int, FrameInfo], truth: Truth) -> FrameErrors:
-    moved, said, frame = one.displacement, one.summary, one.summary.frame
+def _frame_errors(result: FrameResult, decision: PairDecision, infos: dict[int, FrameInfo], truth: Truth) -> FrameErrors:
+    moved, summary, frame = result.displacement, result.summary, result.summary.frame
     valid = moved.valid
     address = np.stack(moved.grid.mesh(), axis=-1)
     error = np.stack((moved.u_px, moved.v_px), axis=-1) - true_motion(truth, infos[0], infos[frame], address).displacement_px
@@ -236,7 +239,7 @@ def _frame_errors(one: FrameResult, decision: PairDecision, infos: dict[int, Fra
         error = error - error[valid].mean(axis=0)
     gradient = strain_gradient(truth, infos[0], infos[frame])
     true_strain = np.array([gradient[0, 0], gradient[1, 1], 0.5 * (gradient[0, 1] + gradient[1, 0])])
-    mean, sigma, sd = (np.array([getattr(part, name) for name in COMPONENTS]) for part in (said.mean, said.mean_sigma, said.sd))
+    mean, sigma, sd = (np.array([getattr(part, name) for name in COMPONENTS]) for part in (summary.mean, summary.mean_sigma, summary.sd))
     return FrameErrors(
         frame,
         decision.step.phase,
@@ -248,5 +251,5 @@ def _frame_errors(one: FrameResult, decision: PairDecision, infos: dict[int, Fra
         mean,
         sigma,
         sd,
-        one.strain.window_points,
+        result.strain.window_points,
     )

@@ -1,4 +1,4 @@
-"""Figures of a score: what was recovered, what was true, and whether the stated uncertainties hold."""
+"""Figures of a score: recovered and true values, and coverage of the stated uncertainties."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ def draw_drift(parent: FigureBase, errors: RunErrors) -> None:
     """Drift across each frame, recovered against true, and the error within frames with its band."""
     above, below = parent.subplots(2, 1, gridspec_kw={"height_ratios": (3, 2)})
     for axis, name in enumerate("xy"):
-        true = [one.true_px[-1, axis] - one.true_px[0, axis] for one in errors.drift]
-        found = [one.measured_px[-1, axis] - one.measured_px[0, axis] for one in errors.drift]
-        above.plot(true, found, ".", color=_COLOURS[axis], label=name)
+        true = [drift_error.true_px[-1, axis] - drift_error.true_px[0, axis] for drift_error in errors.drift]
+        recovered = [drift_error.measured_px[-1, axis] - drift_error.measured_px[0, axis] for drift_error in errors.drift]
+        above.plot(true, recovered, ".", color=_COLOURS[axis], label=name)
     _diagonal(above)
     above.set(xlabel="true drift across a frame (px)", ylabel="recovered (px)")
     above.legend(frameon=False)
-    minutes = np.concatenate([one.time_s for one in errors.drift]) / 60
+    minutes = np.concatenate([drift_error.time_s for drift_error in errors.drift]) / 60
     for axis, name in enumerate("xy"):
-        error = np.concatenate([one.error_px[:, axis] for one in errors.drift])
+        error = np.concatenate([drift_error.error_px[:, axis] for drift_error in errors.drift])
         below.plot(minutes, error * 1e3, ".", color=_COLOURS[axis], markersize=2, label=name)
-    sigma = np.concatenate([one.sigma_px.mean(axis=1) for one in errors.drift]) * 1e3
+    sigma = np.concatenate([drift_error.sigma_px.mean(axis=1) for drift_error in errors.drift]) * 1e3
     below.vlines(minutes, -2 * sigma, 2 * sigma, color="#94a3b8", alpha=0.3, linewidth=1.5)
     below.set(xlabel="scan time (min)", ylabel="error (1e-3 px)", title="within frames, grey: ± 2 sigma")
 
 
 def draw_distortion(parent: FigureBase, errors: RunErrors) -> None:
     """Error of both components of the distortion, best affine map removed."""
-    one = errors.distortion
-    bound = float(np.abs(one.error_px).max()) or 1.0
-    x, y = one.grid.x_px, one.grid.y_px
+    distortion = errors.distortion
+    bound = float(np.abs(distortion.error_px).max()) or 1.0
+    x, y = distortion.grid.x_px, distortion.grid.y_px
     for axis, (axes, name) in enumerate(zip(parent.subplots(2, 1), "xy", strict=True)):
-        shown = np.ma.masked_where(~one.valid, one.error_px[..., axis] * 1e3)
+        shown = np.ma.masked_where(~distortion.valid, distortion.error_px[..., axis] * 1e3)
         limit = 1e3 * bound
         drawn = axes.imshow(shown, extent=(x[0], x[-1], y[-1], y[0]), cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
         axes.set(title=f"error of distortion {name} (1e-3 px)", xlabel="x (px)", ylabel="y (px)")
@@ -54,15 +54,15 @@ def draw_distortion(parent: FigureBase, errors: RunErrors) -> None:
 def draw_strain(parent: FigureBase, errors: RunErrors) -> None:
     """Mean strain of every frame against truth, and its error."""
     above, below = parent.subplots(2, 1)
-    frames = [one.frame for one in errors.frames]
+    frames = [frame.frame for frame in errors.frames]
     for c, name in enumerate(COMPONENTS):
-        true, found, sigma = (
+        true, recovered, sigma = (
             np.array([part[c] for part in parts])
-            for parts in zip(*((one.true_strain, one.mean_strain, one.mean_sigma) for one in errors.frames), strict=True)
+            for parts in zip(*((frame.true_strain, frame.mean_strain, frame.mean_sigma) for frame in errors.frames), strict=True)
         )
-        above.plot(true * 1e3, found * 1e3, ".", color=_COLOURS[c], label=name)
+        above.plot(true * 1e3, recovered * 1e3, ".", color=_COLOURS[c], label=name)
         offset = 0.25 * (c - 1)
-        error, bar = (found - true) * 1e6, sigma * 1e6
+        error, bar = (recovered - true) * 1e6, sigma * 1e6
         below.errorbar(np.array(frames) + offset, error, bar, fmt=".", color=_COLOURS[c], linewidth=0.8)
     _diagonal(above)
     above.set(xlabel="true mean strain (1e-3)", ylabel="recovered (1e-3)")
@@ -72,7 +72,7 @@ def draw_strain(parent: FigureBase, errors: RunErrors) -> None:
 
 
 def draw_coverage(parent: FigureBase, errors: RunErrors) -> None:
-    """Fraction of errors within k stated sigmas against what a normal distribution has there."""
+    """Fraction of errors within k stated standard uncertainties over that of a normal distribution."""
     axes: Axes = parent.subplots()
     k = np.linspace(0.0, 3.5, _POINTS)
     nominal = erf(k / np.sqrt(2))
@@ -97,14 +97,14 @@ def save_figures(errors: RunErrors, where: Path) -> tuple[Path, ...]:
     """Write the figures.
 
     Args:
-        errors: a run against its truth.
+        errors: errors of a run.
         where: a .png, .svg or .pdf file for all of them on one sheet, otherwise a folder for one PNG each.
 
     Returns:
-        What was written.
+        Paths of the written files.
 
     Raises:
-        BadInput: it cannot be written.
+        BadInput: a file cannot be written.
     """
     try:
         if where.suffix.lower() in _SUFFIXES:
@@ -127,12 +127,12 @@ def save_figures(errors: RunErrors, where: Path) -> tuple[Path, ...]:
 
 
 def _normalised(errors: RunErrors) -> dict[str, NDArray[np.float64]]:
-    one = errors.distortion
+    distortion = errors.distortion
     strain = [(frame.mean_strain - frame.true_strain) / np.maximum(frame.mean_sigma, 1e-12) for frame in errors.frames]
     points = [frame.displacement_px[frame.valid] / np.maximum(frame.sigma_px[frame.valid], 1e-12) for frame in errors.frames]
     return {
         "drift within frames": np.concatenate([part.error_px / np.maximum(part.sigma_px, 1e-12) for part in errors.drift]),
-        "distortion": one.error_px[one.valid] / np.maximum(one.sigma_px[one.valid], 1e-12)[:, None],
+        "distortion": distortion.error_px[distortion.valid] / np.maximum(distortion.sigma_px[distortion.valid], 1e-12)[:, None],
         "displacement of points": np.concatenate(points) if points else np.zeros(0),
         "mean strain of frames": np.array(strain),
     }

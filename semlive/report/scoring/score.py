@@ -1,4 +1,4 @@
-"""Recovered against true, for runs on a simulator."""
+"""Scores of runs on a simulator: recovered against true values."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ LEVELS = {68: 0.6827, 95: 0.95}
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """One recovered quantity beside its truth.
+    """One recovered quantity and its true value.
 
     Attributes:
-        name: what it is.
+        name: name of the quantity.
         truth: true value.
         value: recovered value.
-        sigma: stated standard uncertainty; of an rms error the rms of the stated uncertainties.
-        unit: of all three.
-        freedom: number of independent values in an rms error, which by chance spreads less than one error does.
-        candidates: number of independent values that the worst was picked from, which is by chance larger than one is.
-        detail: one of many alike; told to programs, not in the short table.
+        sigma: stated standard uncertainty; for an rms error the rms of the stated uncertainties.
+        unit: unit of truth, value and sigma.
+        freedom: number of independent values in an rms error, which reduces its scatter.
+        candidates: number of independent values from which the largest was selected.
+        detail: whether the score is listed in JSON output only, not in the short table.
     """
 
     name: str
@@ -53,20 +53,20 @@ class Score:
         return self.value - self.truth
 
     def covers(self, level: float) -> bool:
-        """Whether the error is one that the stated uncertainty leaves probable (chi distribution; for one value the normal one)."""
+        """Whether the error is within the stated uncertainty at a probability level (chi distribution; normal for one value)."""
         limit = np.sqrt(_chi_square(level ** (1.0 / self.candidates), self.freedom) / self.freedom)
         return abs(self.error) <= float(limit) * self.sigma
 
     def to_json(self) -> dict[str, Any]:
-        """As other programs read it."""
+        """JSON object of the score."""
         numbers = {"truth": self.truth, "value": self.value, "sigma": self.sigma, "error": self.error, "unit": self.unit}
         return {**numbers, **{f"inside{percent}": self.covers(level) for percent, level in LEVELS.items()}}
 
 
 def score(result: RunResult, truth: Mapping[str, Any]) -> tuple[Score, ...]:
-    """Every recovered quantity against truth.
+    """Scores of every recovered quantity.
 
-    Drift is compared by its change from the middle of each frame (across a motion it is one number with the motion),
+    Drift is compared by its change from the middle of each frame (between frames it is not separable from motion),
     distortion after removal of its best affine map, displacement after removal of each frame's mean, strain relative to frame 0.
 
     Args:
@@ -92,7 +92,7 @@ def score(result: RunResult, truth: Mapping[str, Any]) -> tuple[Score, ...]:
 
 
 def scores_of(errors: RunErrors) -> Iterator[Score]:
-    """Scores of everything but the elastic constants."""
+    """Scores of all quantities except the elastic constants."""
     yield from _drift(errors)
     yield from _distortion(errors.distortion)
     yield from _shifts(errors)
@@ -101,7 +101,7 @@ def scores_of(errors: RunErrors) -> Iterator[Score]:
 
 
 def independent_samples(z: Field) -> float:
-    """How many independent values an array of errors is worth, from its own cosine spectrum (participation ratio).
+    """Effective number of independent values of an array of errors, from its cosine spectrum (participation ratio).
 
     k modes of equal variance give k on average, a single one gives 1: ``3 (sum P)^2 / sum P^2 - 2``.
     """
@@ -111,7 +111,7 @@ def independent_samples(z: Field) -> float:
 
 
 def _coverage(name: str, z: Field, values: float) -> Iterator[Score]:
-    """The fraction of many errors that lies within the stated 68 % and 95 %: sigmas too small and too large both show."""
+    """Fraction of errors within the stated 68 % and 95 % intervals, which shows too small and too large uncertainties."""
     for percent, level in LEVELS.items():
         limit = float(np.sqrt(_chi_square(level, 1)))
         chance = float(np.sqrt(level * (1 - level) / values))
@@ -124,17 +124,19 @@ def _rms(values: Field) -> float:
 
 def _drift(errors: RunErrors) -> Iterator[Score]:
     drift = errors.drift
-    change = np.array([one.true_px[-1] - one.true_px[0] for one in drift])
+    change = np.array([drift_error.true_px[-1] - drift_error.true_px[0] for drift_error in drift])
     widest = np.unravel_index(int(np.argmax(np.abs(change))), change.shape)
-    for at, one in enumerate(drift):
+    for at, drift_error in enumerate(drift):
         for axis in (0, 1):
-            # The ends lie on both sides of the middle, and what is wrong within a frame is mostly the rate: their sigmas add.
-            sigma = float(one.sigma_px[0, axis] + one.sigma_px[-1, axis])
-            value = float(one.measured_px[-1, axis] - one.measured_px[0, axis])
+            # The ends are on both sides of the middle, and the error within a frame is mostly one of the rate: their sigmas add.
+            sigma = float(drift_error.sigma_px[0, axis] + drift_error.sigma_px[-1, axis])
+            value = float(drift_error.measured_px[-1, axis] - drift_error.measured_px[0, axis])
             largest = (at, axis) == widest
-            name = f"drift {'xy'[axis]} across frame {one.frame}"
+            name = f"drift {'xy'[axis]} across frame {drift_error.frame}"
             yield Score(name, float(change[at, axis]), value, sigma, "px", detail=not largest)
-    error, sigma = (np.stack(values) for values in ([one.error_px for one in drift], [one.sigma_px for one in drift]))
+    error, sigma = (
+        np.stack(values) for values in ([drift_error.error_px for drift_error in drift], [drift_error.sigma_px for drift_error in drift])
+    )
     z = error / np.maximum(sigma, 1e-12)
     z_across = z[:, -1] - z[:, 0]
     values = sum(independent_samples(z_across[:, axis]) for axis in (0, 1))
@@ -144,83 +146,86 @@ def _drift(errors: RunErrors) -> Iterator[Score]:
     yield from _coverage("drift within frames", z, values)
 
 
-def _distortion(one: DistortionError) -> Iterator[Score]:
-    if not one.valid.any():
+def _distortion(distortion: DistortionError) -> Iterator[Score]:
+    if not distortion.valid.any():
         return
-    z = np.where(one.valid[..., None], one.error_px / np.maximum(one.sigma_px, 1e-12)[..., None], 0.0)
+    z = np.where(distortion.valid[..., None], distortion.error_px / np.maximum(distortion.sigma_px, 1e-12)[..., None], 0.0)
     values = [independent_samples(z[..., axis]) for axis in (0, 1)]
-    error, sigma = one.error_px[one.valid], one.sigma_px[one.valid]
+    error, sigma = distortion.error_px[distortion.valid], distortion.sigma_px[distortion.valid]
     for axis in (0, 1):
         yield Score(f"distortion {'xy'[axis]}, rms error", 0.0, _rms(error[:, axis]), _rms(sigma), "px", values[axis])
     yield Score("distortion, rms error", 0.0, _rms(error), _rms(sigma), "px", sum(values))
     at = np.unravel_index(int(np.argmax(np.abs(error))), error.shape)
     yield Score("distortion, largest error", 0.0, float(np.abs(error[at])), float(sigma[at[0]]), "px", candidates=sum(values))
-    yield from _coverage("distortion", z[one.valid], sum(values))
+    yield from _coverage("distortion", z[distortion.valid], sum(values))
 
 
 def _shifts(errors: RunErrors) -> Iterator[Score]:
     if not errors.shifts:
         return
     z = []
-    for one in errors.shifts:
+    for shift_error in errors.shifts:
         for axis in (0, 1):
-            true, value, sigma = (float(part[axis]) for part in (one.true_px, one.measured_px, one.sigma_px))
-            yield Score(f"shift {'xy'[axis]} of pair {one.pair}", true, value, sigma, "px", detail=True)
-        z.append((one.measured_px - one.true_px) / np.maximum(one.sigma_px, 1e-12))
-    error = np.array([one.measured_px - one.true_px for one in errors.shifts])
+            true, value, sigma = (float(part[axis]) for part in (shift_error.true_px, shift_error.measured_px, shift_error.sigma_px))
+            yield Score(f"shift {'xy'[axis]} of pair {shift_error.pair}", true, value, sigma, "px", detail=True)
+        z.append((shift_error.measured_px - shift_error.true_px) / np.maximum(shift_error.sigma_px, 1e-12))
+    error = np.array([shift_error.measured_px - shift_error.true_px for shift_error in errors.shifts])
     values = sum(independent_samples(np.array(z)[:, axis]) for axis in (0, 1))
-    yield Score("shift, rms error", 0.0, _rms(error), _rms(np.array([one.sigma_px for one in errors.shifts])), "px", values)
+    yield Score("shift, rms error", 0.0, _rms(error), _rms(np.array([shift_error.sigma_px for shift_error in errors.shifts])), "px", values)
     yield from _coverage("shift", np.array(z), values)
 
 
 def _displacement(errors: RunErrors) -> Iterator[Score]:
-    valid = np.array([one.valid for one in errors.frames])
+    valid = np.array([frame.valid for frame in errors.frames])
     if not valid.any():
         return
-    error, sigma = (np.stack(part) for part in zip(*((one.displacement_px, one.sigma_px) for one in errors.frames), strict=True))
+    error, sigma = (np.stack(part) for part in zip(*((frame.displacement_px, frame.sigma_px) for frame in errors.frames), strict=True))
     z = np.where(valid[..., None], error / np.maximum(sigma, 1e-12), 0.0)
     values = sum(independent_samples(z[..., axis]) for axis in (0, 1))
-    found, said = _rms(error[valid]), _rms(sigma[valid])
-    yield Score("displacement, rms error", 0.0, found, said, "px", values)
+    recovered, stated = _rms(error[valid]), _rms(sigma[valid])
+    yield Score("displacement, rms error", 0.0, recovered, stated, "px", values)
     yield from _coverage("displacement of points", z[valid], values)
-    yield Score("noise floor", found, errors.noise_floor_px, found / float(np.sqrt(2 * values)), "px")
+    yield Score("noise floor", recovered, errors.noise_floor_px, recovered / float(np.sqrt(2 * values)), "px")
 
 
 def _strain(errors: RunErrors) -> Iterator[Score]:
-    for one in errors.frames:
+    for frame in errors.frames:
         for c, name in enumerate(COMPONENTS):
-            true, found, sigma = (float(part[c]) * 1e6 for part in (one.true_strain, one.mean_strain, one.mean_sigma))
-            second_of_tension = one.phase is Phase.TENSION and one.frame % 2 == 1
+            true, recovered, sigma = (float(part[c]) * 1e6 for part in (frame.true_strain, frame.mean_strain, frame.mean_sigma))
+            second_of_tension = frame.phase is Phase.TENSION and frame.frame % 2 == 1
             shown = second_of_tension and name != "exy"
-            yield Score(f"strain {name} of frame {one.frame}", true, found, sigma, "1e-6", detail=not shown)
+            yield Score(f"strain {name} of frame {frame.frame}", true, recovered, sigma, "1e-6", detail=not shown)
     for phase in Phase:
-        chosen = [one for one in errors.frames if one.phase is phase]
+        chosen = [frame for frame in errors.frames if frame.phase is phase]
         if chosen:
             yield from _phase_strain(errors, phase, chosen)
-    z = np.array([(one.mean_strain - one.true_strain) / np.maximum(one.mean_sigma, 1e-12) for one in errors.frames])
+    z = np.array([(frame.mean_strain - frame.true_strain) / np.maximum(frame.mean_sigma, 1e-12) for frame in errors.frames])
     yield from _coverage("mean strain of frames", z, sum(independent_samples(z[:, c]) for c in range(3)))
 
 
 def _phase_strain(errors: RunErrors, phase: Phase, frames: list[FrameErrors]) -> Iterator[Score]:
     error, sigma = (
-        np.array(part) * 1e6 for part in ([one.mean_strain - one.true_strain for one in frames], [one.mean_sigma for one in frames])
+        np.array(part) * 1e6
+        for part in ([frame.mean_strain - frame.true_strain for frame in frames], [frame.mean_sigma for frame in frames])
     )
-    values = sum(independent_samples(one) for one in (error / np.maximum(sigma, 1e-6)).T)
+    values = sum(independent_samples(component_errors) for component_errors in (error / np.maximum(sigma, 1e-6)).T)
     yield Score(f"mean strain, {phase.value}, rms error", 0.0, _rms(error), _rms(sigma), "1e-6", values)
     at = np.unravel_index(int(np.argmax(np.abs(error))), error.shape)
     name = f"mean strain, {phase.value}, the worst of {len(frames)} frames"
     yield Score(name, 0.0, float(error[at]), float(sigma[at]), "1e-6", candidates=float(error.size))
-    said = np.array([(one.sigma_px[one.valid] ** 2).mean(axis=0) for one in frames]).mean(axis=0)
+    stated = np.array([(frame.sigma_px[frame.valid] ** 2).mean(axis=0) for frame in frames]).mean(axis=0)
     points = frames[0].window_points
-    expected = noise_scatter(errors.grid, points, *(float(np.sqrt(one)) for one in said), full=False)
-    # Every map holds the noise of frame 0, half of its variance: many frames are worth at most four.
+    expected = noise_scatter(errors.grid, points, *(float(np.sqrt(variance)) for variance in stated), full=False)
+    # Every map contains the noise of frame 0, half of its variance: many frames count as at most four.
     gauges = effective_sample_size(errors.grid, points) * len(frames) / (1 + (len(frames) - 1) / 4)
     for c, component in enumerate(COMPONENTS):
-        noise, found = (1e6 * one for one in (getattr(expected, component), _rms(np.array([one.strain_sd[c] for one in frames]))))
+        noise, recovered = (
+            1e6 * value for value in (getattr(expected, component), _rms(np.array([frame.strain_sd[c] for frame in frames])))
+        )
         label = f"scatter of {component}, {phase.value}, over {errors.grid.vsg_px(points)} px"
-        yield Score(label, noise, found, noise / float(np.sqrt(2 * gauges)), "1e-6")
+        yield Score(label, noise, recovered, noise / float(np.sqrt(2 * gauges)), "1e-6")
 
 
 def _chi_square(level: float, freedom: float) -> float:
-    """Quantile of chi-square, without scipy.stats, whose import takes a second of every command."""
+    """Quantile of chi-square without scipy.stats, whose import takes a second."""
     return 2.0 * float(gammaincinv(0.5 * freedom, level))

@@ -1,4 +1,4 @@
-"""What a simulator says was true, in the words of the measurement; read to score a run and for nothing else."""
+"""Truth of a simulation in the quantities of the measurement; used for scores only."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from semlive.inputs.files import read_regular
 from semlive.inputs.json_text import parse_json
 
 Field = NDArray[np.float64]
-_VISITS = 64  # samples of a frame's drift; between them a cubic is exact to 1e-9 px for drift that bends over minutes
-_MOST_BYTES = 500_000_000  # of a truth file; that of a week has some MB
-_REFINEMENTS = 5  # each gains a factor of 100, the slope of distortion and drift
+_VISITS = 64  # samples of the drift of a frame; cubic interpolation between them is exact to 1e-9 px for drift over minutes
+_MOST_BYTES = 500_000_000  # largest accepted truth file; one of a week has some MB
+_REFINEMENTS = 5  # fixed-point iterations; each reduces the error by a factor of 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueFrame:
-    """How the specimen truly lay in one frame: material point xi is at ``xi + shift + gradient (xi - centre)``.
+    """True motion of the specimen in one frame: material point xi is at ``xi + shift + gradient (xi - centre)``.
 
     Attributes:
-        start_ns: when the scan truly began, UTC ns.
+        start_ns: true start of the scan, UTC ns.
         row_time_s: true row time.
         shift_px: (2,) motion of the centre.
         gradient: (2, 2) displacement gradient.
@@ -46,11 +46,11 @@ class Truth:
     Attributes:
         youngs_modulus_gpa: E.
         poissons_ratio: nu.
-        centre_px: (2,) about which gradients act.
-        frames: by the name of the exported file.
-        start_ns: when the drift's time begins, UTC ns.
-        drift: (2,) px at seconds since then.
-        distortion_px: E(R) along x and y over (y, x).
+        centre_px: (2,) centre of the gradients.
+        frames: true frames by name of the exported file.
+        start_ns: origin of the drift's time, UTC ns.
+        drift: (2,) drift in px as a function of seconds since then.
+        distortion_px: distortion E(R) along x and y over (y, x).
     """
 
     youngs_modulus_gpa: float
@@ -62,41 +62,41 @@ class Truth:
     distortion_px: tuple[RectBivariateSpline, RectBivariateSpline]
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> Truth:
-        """From the content of a truth file.
+    def of(cls, content: Mapping[str, Any]) -> Truth:
+        """Truth from the content of a truth file.
 
         Raises:
-            BadInput: something is missing in it.
+            BadInput: a required value is missing.
         """
         try:
             frames = {
-                one["file"]: TrueFrame(
-                    int(one["start_time_ns"]), float(one["row_time_s"]), np.asarray(one["stage_px"]), np.asarray(one["gradient"])
+                entry["file"]: TrueFrame(
+                    int(entry["start_time_ns"]), float(entry["row_time_s"]), np.asarray(entry["stage_px"]), np.asarray(entry["gradient"])
                 )
-                for one in told["frames"]
+                for entry in content["frames"]
             }
-            drift, bend, start_ns = told["drift"], told["distortion"], int(told["start_time_ns"])
+            drift, bend, start_ns = content["drift"], content["distortion"], int(content["start_time_ns"])
             time_s = (np.asarray(drift["time_ns"], dtype=np.int64) - start_ns) * 1e-9
             return cls(
-                float(told["youngs_modulus_gpa"]),
-                float(told["poissons_ratio"]),
-                np.asarray(told["centre_px"], dtype=np.float64),
+                float(content["youngs_modulus_gpa"]),
+                float(content["poissons_ratio"]),
+                np.asarray(content["centre_px"], dtype=np.float64),
                 frames,
                 start_ns,
                 CubicSpline(time_s, np.stack((drift["dx_px"], drift["dy_px"]), axis=1)),
                 (_surface(bend, "ex_px"), _surface(bend, "ey_px")),
             )
         except (KeyError, TypeError, ValueError) as error:
-            raise BadInput(f"the truth lacks what a score needs ({error}); give the truth.json that the simulator wrote") from error
+            raise BadInput(f"the truth file is incomplete ({error}); give the truth.json that the simulator wrote") from error
 
     def frame(self, name: str) -> TrueFrame:
         """The truth of one frame.
 
         Raises:
-            BadInput: it says nothing of that file.
+            BadInput: the truth contains no such file.
         """
         if name not in self.frames:
-            raise BadInput(f"the truth says nothing of {name}; give the truth.json of this very run")
+            raise BadInput(f"the truth contains no frame {name}; give the truth.json of this run")
         return self.frames[name]
 
     def drift_at(self, frame: TrueFrame, time_s: ArrayLike) -> Field:
@@ -105,16 +105,16 @@ class Truth:
 
     def distortion_at(self, address_px: Field) -> Field:
         """(..., 2) distortion E in px at scan addresses (..., 2)."""
-        return np.stack([one.ev(address_px[..., 1], address_px[..., 0]) for one in self.distortion_px], axis=-1)
+        return np.stack([spline.ev(address_px[..., 1], address_px[..., 0]) for spline in self.distortion_px], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrueMotion:
-    """What truly happens to points of frame 0 in another frame.
+    """True motion of points of frame 0 in another frame.
 
     Attributes:
-        displacement_px: (..., 2) of the specimen from frame 0, without drift and distortion.
-        correction_px: (..., 2) what drift and distortion add to it: ``[E(R_n) + d_n] - [E(R_0) + d_0]``.
+        displacement_px: (..., 2) displacement of the specimen from frame 0, without drift and distortion.
+        correction_px: (..., 2) contribution of drift and distortion: ``[E(R_n) + d_n] - [E(R_0) + d_0]``.
     """
 
     displacement_px: Field
@@ -122,10 +122,10 @@ class TrueMotion:
 
 
 def true_motion(truth: Truth, first: FrameInfo, info: FrameInfo, address_px: Field) -> TrueMotion:
-    """Follow the material points that frame 0 shows at scan addresses (..., 2) to another frame.
+    """Track the material points at scan addresses (..., 2) of frame 0 to another frame.
 
-    The beam at address R is at ``p = R - E(R) - d(t(R))`` and sees the material point with ``p = xi + s + G (xi - c)``.
-    An image that integrates M scans shows the mean of its visits.
+    The beam at address R is at ``p = R - E(R) - d(t(R))`` and scans the material point with ``p = xi + s + G (xi - c)``.
+    With M integrated scans the result is the mean over the scans.
     """
     before, after = truth.frame(first.name), truth.frame(info.name)
     bent_px = truth.distortion_at(address_px) + _drift_of(truth, first, address_px)
@@ -142,8 +142,8 @@ def true_motion(truth: Truth, first: FrameInfo, info: FrameInfo, address_px: Fie
 def average_over_subset(value: Callable[[Field], Field], address_px: Field, subset_px: int) -> Field:
     """The mean of a field over the subset about each address (..., 2), by three Gauss points along each axis.
 
-    It is what a correlation with an affine shape function shows of a field that bends within the subset, and so what can be learnt
-    from disparity; it differs from the field by up to 0.02 px where a distortion shaped like the paper's Fig. 11 bends most.
+    A correlation with an affine shape function measures this mean of a field that is curved within the subset. It differs from the field by
+    up to 0.02 px at the largest curvature of a distortion like that in Fig. 11 of Sutton et al. (2007).
     """
     points = [(0.5 * root * subset_px, 0.5 * weight) for root, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True)]
     means = [wx * wy * value(address_px + np.array([x, y])) for x, wx in points for y, wy in points]
@@ -157,7 +157,7 @@ def strain_gradient(truth: Truth, first: FrameInfo, info: FrameInfo) -> Field:
 
 
 def load_truth(path: Path) -> dict[str, Any]:
-    """Read a simulator's truth.
+    """Read the truth file of a simulator.
 
     Raises:
         BadInput: the file is missing or is not a truth file.
@@ -172,7 +172,7 @@ def load_truth(path: Path) -> dict[str, Any]:
 
 
 def _drift_of(truth: Truth, info: FrameInfo, address_px: Field) -> Field:
-    """(..., 2) drift that a frame shows at scan addresses: the mean over its visits there."""
+    """(..., 2) drift of a frame at scan addresses, mean over its integrated scans."""
     frame, timing = truth.frame(info.name), info.timing
     dwell_s, scan_s = timing.dwell_time_s.value, timing.frame_time_s.value
     sampled_s = np.linspace(-0.1 * scan_s, 1.1 * scan_s, _VISITS)

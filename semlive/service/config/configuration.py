@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from semlive.data.diagnosis import EMPTY_MODEL
+from semlive.data.diagnosis.effects import EMPTY_MODEL
 from semlive.data.experiment import AdaptiveHold, HoldRule, Limits, Phase, Plan, Recentre, Step, WarmUp
 from semlive.data.settings import AnalysisSettings, DicSettings, EstimateSettings, ScanProfile, ScanSpeed, SpecimenSettings
 from semlive.errors import BadConfig

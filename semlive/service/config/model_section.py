@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from semlive.data.diagnosis import EffectModel, ModelEffect
+from semlive.data.diagnosis.effects import EffectModel, ModelEffect
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]

@@ -1,4 +1,4 @@
-"""Grey levels of a log's images, on the material that its disparity maps followed."""
+"""Intensity data of a log's images at the material points tracked by its disparity maps."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from semlive.diagnose.intensity.frames import (
 )
 from semlive.service.log.image_pairs import ImagedPair
 
-NO_IMAGES = "the log holds no images, so grey levels cannot be compared: contamination, defocus and changes of contrast are not looked for"
+NO_IMAGES = "the log holds no images, so grey levels cannot be compared: contamination, defocus and changes of contrast are not tested"
 NO_REFERENCE = "grey levels cannot be compared: the images and the map of the first pair are missing, or it has too few blocks"
 NOISE_PAIRS = 12
-"""Of a pixel's noise, which stays as it is: known to half a percent then."""
+"""Number of pairs for the estimate of the pixel noise, which is then determined to half a percent."""
 
 
 @dataclass(slots=True)
 class IntensityReader:
-    """Takes pairs one after the other, beginning with the first of the run.
+    """Collects the intensity data of pairs, beginning with the first pair of the run.
 
     Attributes:
-        reference: frames 0 and 1; None before they were there.
+        reference: frames 0 and 1; None before the first pair.
         begin_ns: start of frame 0.
-        frames: that were taken.
-        noise: of the first pairs.
+        frames: frames so far.
+        noise: pixel noise of the first pairs.
     """
 
     reference: IntensityReference | None = None
@@ -41,7 +41,7 @@ class IntensityReader:
     noise: list[tuple[float, float]] = field(default_factory=list)
 
     def take(self, pair: ImagedPair) -> None:
-        """A pair; without the first one there is nothing to compare with."""
+        """Add a pair; pairs are ignored without the first one, the reference."""
         number, within = pair.decision.pair, pair.within
         first, second = to_8bit_levels(pair.first), to_8bit_levels(pair.second)
         if number == 0 and within is not None:
@@ -55,7 +55,7 @@ class IntensityReader:
             self.noise.append(pair_noise(self.reference.blocks, first, second, within))
 
     def series(self) -> IntensityFrames | None:
-        """All that was taken; None without the first pair."""
+        """Intensity data of all frames; None without the first pair."""
         if self.reference is None:
             return None
         return IntensityFrames(self.reference, tuple(self.frames), np.array(self.noise).reshape(-1, 2))

@@ -1,4 +1,4 @@
-"""Diagnosis of a log: its disparity maps, the joint estimate of them, and what is missing."""
+"""Diagnosis of a log: joint estimate from its disparity maps, and verdict over all channels."""
 
 from __future__ import annotations
 
@@ -8,16 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from semlive import pipeline
-from semlive.data.diagnosis import (
-    EMPTY_MODEL,
-    Diagnosis,
-    ExperimentForecast,
-    ExperimentProposal,
-    HeldOutMisfit,
-    IdentifiedEffect,
-    ModelEffect,
-    ParameterEstimate,
-)
+from semlive.data.diagnosis.effects import EMPTY_MODEL, HeldOutMisfit, IdentifiedEffect, ModelEffect, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
 from semlive.diagnose.baseline.model_effects import observable_effects
 from semlive.diagnose.baseline.observation import HOLD_S, Observation, StepConditions, baseline_solution, make_observation, step_conditions
 from semlive.diagnose.combine import add_intensity_verdict, add_row_verdict
@@ -42,138 +34,146 @@ from semlive.service.runtime.blas import limit_blas_threads
 
 
 def diagnose_log(
-    log: Path, seed: int = 0, watch: Callable[[str, int, int], None] | None = None, known: Sequence[ModelEffect] = ()
+    log: Path, seed: int = 0, watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
 ) -> Diagnosis:
-    """What is missing from the model of a run, by the disparity maps in its log and, where it holds images, their rows and grey levels.
+    """Identify the effects missing in the model of a run, from the disparity maps and, if present, the images of its log.
 
     Args:
-        log: one file, or a run folder.
-        seed: of the draws of the null.
-        watch: told what is done, how much of it, of how much.
-        known: effects that the model has already.
+        log: a log file or a run folder.
+        seed: seed of the null draws.
+        watch: called with the name of the task, the finished part and the total.
+        model_effects: effects already in the model.
 
     Raises:
-        BadInput: the log cannot be read, or its data are too few to name anything.
+        BadInput: the log cannot be read, or its data are too few to identify an effect.
     """
-    words = LogNotes()
-    seen, steps = _observed(log, words, watch)
-    found = diagnose(seen, seed, model_effects=observable_effects(seen, [one for one in known if non_map_effect(one.name) is None]))
-    found = add_stage_evidence(replace(found, model_effects=tuple(known)), stage_moves(seen, steps))
-    if found.experiment is not None:
-        found = replace(found, experiment=ranked(found.experiment, forecast_experiments(seen, found, known)))
-    assert words.run is not None  # `_observed` has read it
-    settings = settings_of(words.run)
-    readings = load_readings(seen, steps, settings.specimen.loading_axis)
-    found = add_load_cell_evidence(found, readings)
-    found = add_gage_evidence(found, gage_readings(readings, steps, settings.specimen.gage_factor_sigma))
-    if words.sem_clock is not None:
-        found = add_clock_evidence(found, words.sem_clock.offset_s - settings.scan.clock_offset_s, words.sem_clock.sigma_s)
-    seen_beside = channels_of_log(log, settings.scan, watch)
-    return _beside_grey(_beside_rows(found, seen_beside, seed), seen_beside)
+    notes = LogNotes()
+    observation, steps = _observed(log, notes, watch)
+    verdict = diagnose(
+        observation,
+        seed,
+        model_effects=observable_effects(observation, [effect for effect in model_effects if non_map_effect(effect.name) is None]),
+    )
+    verdict = add_stage_evidence(replace(verdict, model_effects=tuple(model_effects)), stage_moves(observation, steps))
+    if verdict.experiment is not None:
+        verdict = replace(verdict, experiment=ranked(verdict.experiment, forecast_experiments(observation, verdict, model_effects)))
+    assert notes.run is not None  # `_observed` has read it
+    settings = settings_of(notes.run)
+    readings = load_readings(observation, steps, settings.specimen.loading_axis)
+    verdict = add_load_cell_evidence(verdict, readings)
+    verdict = add_gage_evidence(verdict, gage_readings(readings, steps, settings.specimen.gage_factor_sigma))
+    if notes.sem_clock is not None:
+        verdict = add_clock_evidence(verdict, notes.sem_clock.offset_s - settings.scan.clock_offset_s, notes.sem_clock.sigma_s)
+    images = channels_of_log(log, settings.scan, watch)
+    return _with_intensity(_with_rows(verdict, images, seed), images)
 
 
-def _beside_rows(found: Diagnosis, seen: ImageData, seed: int) -> Diagnosis:
-    if not seen.rows:
-        return replace(found, rows_unavailable=seen.no_rows)
+def _with_rows(verdict: Diagnosis, images: ImageData, seed: int) -> Diagnosis:
+    if not images.rows:
+        return replace(verdict, rows_unavailable=images.no_rows)
     try:
-        rows = diagnose_rows(seen.rows, seed, [one for one in found.model_effects if row_effect(one.name) is not None])
+        rows = diagnose_rows(images.rows, seed, [effect for effect in verdict.model_effects if row_effect(effect.name) is not None])
     except IllPosed as error:
-        return replace(found, rows_unavailable=str(error))
-    return add_row_verdict(found, rows)
+        return replace(verdict, rows_unavailable=str(error))
+    return add_row_verdict(verdict, rows)
 
 
-def _beside_grey(found: Diagnosis, seen: ImageData) -> Diagnosis:
-    if seen.grey is None:
-        return replace(found, intensity_unavailable=seen.no_grey)
+def _with_intensity(verdict: Diagnosis, images: ImageData) -> Diagnosis:
+    if images.grey is None:
+        return replace(verdict, intensity_unavailable=images.no_grey)
     try:
-        grey = diagnose_intensity(seen.grey, [one for one in found.model_effects if intensity_effect(one.name) is not None])
+        grey = diagnose_intensity(images.grey, [effect for effect in verdict.model_effects if intensity_effect(effect.name) is not None])
     except IllPosed as error:
-        return replace(found, intensity_unavailable=str(error))
-    return add_intensity_verdict(found, grey)
+        return replace(verdict, intensity_unavailable=str(error))
+    return add_intensity_verdict(verdict, grey)
 
 
 def propose_next_experiments(
-    log: Path, found: Diagnosis, watch: Callable[[str, int, int], None] | None = None, known: Sequence[ModelEffect] = ()
+    log: Path, verdict: Diagnosis, watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
 ) -> tuple[ExperimentForecast, ...]:
-    """What further experiments are expected to decide of a verdict, the most for a minute first; of one effect against nothing.
+    """Forecasts of further experiments for a verdict, in descending order of log odds per minute; for one effect, against none.
 
     Args:
-        log: that was diagnosed.
-        found: the verdict.
-        watch: told what is done, how much of it, of how much.
-        known: effects that the model had before.
+        log: the diagnosed log.
+        verdict: the verdict.
+        watch: called with the name of the task, the finished part and the total.
+        model_effects: effects of the model before the diagnosis.
     """
-    if found.experiment is not None:
-        return found.experiment.foretold
-    return forecast_experiments(load_observation(log, watch), found, known) if found.effects else ()
+    if verdict.experiment is not None:
+        return verdict.experiment.forecasts
+    return forecast_experiments(load_observation(log, watch), verdict, model_effects) if verdict.effects else ()
 
 
 def load_observation(log: Path, watch: Callable[[str, int, int], None] | None = None) -> Observation:
-    """What a run's disparity maps show, estimated jointly without further effects.
+    """Observation of a run from its disparity maps, estimated jointly without further effects.
 
     Raises:
-        BadInput: the log cannot be read, or its data are too few to name anything.
+        BadInput: the log cannot be read, or its data are too few to identify an effect.
     """
     return _observed(log, LogNotes(), watch)[0]
 
 
-def _observed(log: Path, words: LogNotes, watch: Callable[[str, int, int], None] | None) -> tuple[Observation, tuple[StepConditions, ...]]:
+def _observed(log: Path, notes: LogNotes, watch: Callable[[str, int, int], None] | None) -> tuple[Observation, tuple[StepConditions, ...]]:
     limit_blas_threads()
-    words.run = first_run(log)
-    settings = settings_of(words.run)
+    notes.run = first_run(log)
+    settings = settings_of(notes.run)
     settings = replace(settings, estimate=replace(settings.estimate, method="joint"), model=EMPTY_MODEL)
     state = None
-    pairs = ((decision, pipeline.complete_maps(decision.pair, maps)) for decision, maps in pairs_with_maps(log, words))
+    pairs = ((decision, pipeline.complete_maps(decision.pair, maps)) for decision, maps in pairs_with_maps(log, notes))
     for state in pipeline.follow(settings, pairs):
         if watch is not None:
             watch("pair", len(state.pairs), len(state.pairs))
     if state is None:
-        raise BadLog(f"{log}: holds no disparity maps; replay it from its images first.")
+        raise BadLog(f"{log}: contains no disparity maps; replay it from its images first.")
     assert isinstance(state.estimator_state, EstimatorState)  # of the joint method
-    steps = step_conditions(state.pairs, _hold_s(words.run))
-    solution, other = baseline_solution(state.estimator_state)
-    return make_observation(solution, steps, other), steps
+    steps = step_conditions(state.pairs, _hold_s(notes.run))
+    solution, alternative = baseline_solution(state.estimator_state)
+    return make_observation(solution, steps, alternative), steps
 
 
 def _hold_s(run: RunMessage) -> float:
-    """Return the hold before the pairs of a run, s: as configured, or that of the paper without a configuration."""
+    """Configured hold time before the pairs of a run, s, or that of Sutton et al. (2007)."""
     protocol = run.config.get("protocol")
     hold = protocol.get("hold_s") if isinstance(protocol, dict) else None
     return float(hold) if isinstance(hold, int | float) else HOLD_S
 
 
-def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
-    """The verdict as other programs read it (`semlive diagnose LOG --json`); only ever extended."""
+def diagnosis_json(verdict: Diagnosis) -> dict[str, Any]:
+    """JSON object of the verdict (`semlive diagnose LOG --json`); it is only extended."""
     return {
-        "outcome": found.outcome.value,
-        "effects": [effect_json(one) for one in found.effects],
-        "ambiguous": list(found.ambiguous),
-        "group": found.group,
-        "experiment": None if found.experiment is None else _experiment_json(found.experiment),
-        "gap": None if found.gap is None else gap_json(found.gap),
-        "where": [asdict(one) for one in found.where],
-        "noise_px": found.noise_px,
-        "evidence": dict(found.evidence),
-        "overlap": dict(found.overlap),
-        "coarse": list(found.coarse),
-        "rows": _rows_json(found),
-        "grey": _grey_json(found),
+        "outcome": verdict.outcome.value,
+        "effects": [effect_json(item) for item in verdict.effects],
+        "ambiguous": list(verdict.ambiguous),
+        "group": verdict.group,
+        "experiment": None if verdict.experiment is None else _experiment_json(verdict.experiment),
+        "gap": None if verdict.gap is None else gap_json(verdict.gap),
+        "where": [asdict(item) for item in verdict.where],
+        "noise_px": verdict.noise_px,
+        "evidence": dict(verdict.evidence),
+        "overlap": dict(verdict.overlap),
+        "coarse": list(verdict.coarse),
+        "rows": _rows_json(verdict),
+        "grey": _grey_json(verdict),
     }
 
 
-def _experiment_json(found: ExperimentProposal) -> dict[str, Any]:
-    return {"between": list(found.between), "about": found.about, "foretold": [forecast_json(one) for one in found.foretold]}
+def _experiment_json(proposal: ExperimentProposal) -> dict[str, Any]:
+    return {
+        "between": list(proposal.between),
+        "about": proposal.about,
+        "foretold": [forecast_json(forecast) for forecast in proposal.forecasts],
+    }
 
 
-def forecast_json(one: ExperimentForecast) -> dict[str, Any]:
-    """What an experiment is expected to decide, as other programs read it."""
-    return {**asdict(one), "log_odds_per_minute": one.log_odds_per_minute}
+def forecast_json(forecast: ExperimentForecast) -> dict[str, Any]:
+    """JSON object of a forecast."""
+    return {**asdict(forecast), "log_odds_per_minute": forecast.log_odds_per_minute}
 
 
-def _rows_json(found: Diagnosis) -> dict[str, Any]:
-    rows = found.rows
+def _rows_json(verdict: Diagnosis) -> dict[str, Any]:
+    rows = verdict.rows
     if rows is None:
-        return {"looked_at": False, "why_not": found.rows_unavailable}
+        return {"looked_at": False, "why_not": verdict.rows_unavailable}
     return {
         "looked_at": True,
         "outcome": rows.outcome.value,
@@ -184,10 +184,10 @@ def _rows_json(found: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _grey_json(found: Diagnosis) -> dict[str, Any]:
-    grey = found.grey
+def _grey_json(verdict: Diagnosis) -> dict[str, Any]:
+    grey = verdict.grey
     if grey is None:
-        return {"looked_at": False, "why_not": found.intensity_unavailable}
+        return {"looked_at": False, "why_not": verdict.intensity_unavailable}
     return {
         "looked_at": True,
         "outcome": grey.outcome.value,
@@ -197,12 +197,12 @@ def _grey_json(found: Diagnosis) -> dict[str, Any]:
         "mean_levels": grey.mean_levels,
         "contrast_levels": grey.contrast_levels,
         "clipped": grey.clipped,
-        "left": grey.left,
+        "left": grey.unexplained,
     }
 
 
 def gap_json(gap: HeldOutMisfit) -> dict[str, Any]:
-    """A gap as other programs read it."""
+    """JSON object of a held-out misfit."""
     return {
         "before_px": gap.before_px,
         "after_px": gap.after_px,
@@ -212,19 +212,19 @@ def gap_json(gap: HeldOutMisfit) -> dict[str, Any]:
     }
 
 
-def effect_json(one: IdentifiedEffect) -> dict[str, Any]:
-    """An effect as other programs read it."""
+def effect_json(effect: IdentifiedEffect) -> dict[str, Any]:
+    """JSON object of an effect."""
     return {
-        "name": one.name,
-        "parameters": parameters_json(one.parameters),
-        "peak_px": one.peak_px,
-        "log_bayes_factor": one.log_bayes_factor,
-        "p_value": one.p_value,
-        "looks_like_strain": one.strain,
-        "strain_eaten": one.strain_eaten,
+        "name": effect.name,
+        "parameters": parameters_json(effect.parameters),
+        "peak_px": effect.peak_px,
+        "log_bayes_factor": effect.log_bayes_factor,
+        "p_value": effect.p_value,
+        "looks_like_strain": effect.strain,
+        "strain_eaten": effect.strain_attenuation,
     }
 
 
 def parameters_json(parameters: Sequence[ParameterEstimate]) -> dict[str, Any]:
-    """Parameters by name."""
-    return {one.name: {"value": one.value, "sigma": one.sigma, "unit": one.unit} for one in parameters}
+    """JSON object of parameters by name."""
+    return {parameter.name: {"value": parameter.value, "sigma": parameter.sigma, "unit": parameter.unit} for parameter in parameters}

@@ -1,4 +1,4 @@
-"""Decision between what one run leaves open: its log beside that of the experiment that was proposed."""
+"""Comparison of the logs of two runs, the second one the proposed experiment."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from semlive.data.diagnosis import ModelEffect, ScanRotation, SharedEffect, TwoRunVerdict
+from semlive.data.diagnosis.effects import ModelEffect
+from semlive.data.diagnosis.two_runs import ScanRotation, SharedEffect, TwoRunVerdict
 from semlive.diagnose.baseline.model_effects import add_model_effects, observable_effects
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.two_runs.decide import compare_runs
@@ -15,43 +16,43 @@ from semlive.service.diagnosis.run import load_observation, parameters_json
 
 
 def compare_logs(
-    logs: Sequence[Path], watch: Callable[[str, int, int], None] | None = None, known: Sequence[ModelEffect] = ()
+    logs: Sequence[Path], watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
 ) -> TwoRunVerdict:
-    """What runs of one specimen with different scans show together.
+    """Joint verdict of runs of one specimen with different scans.
 
     Args:
-        logs: files, or run folders.
-        watch: told what is done, how much of it, of how much.
-        known: effects that the model has already.
+        logs: log files or run folders.
+        watch: called with the name of the task, the finished part and the total.
+        model_effects: effects already in the model.
 
     Raises:
-        BadInput: a log cannot be read, its data are too few, or the runs do not fit each other.
+        BadInput: a log cannot be read, its data are too few, or the runs cannot be compared.
     """
-    in_maps = [one for one in known if non_map_effect(one.name) is None]
+    in_maps = [effect for effect in model_effects if non_map_effect(effect.name) is None]
     runs = []
     for log in logs:
-        seen = load_observation(log, watch)
-        runs.append(add_model_effects(noise_scaled_baseline(seen), observable_effects(seen, in_maps))[0])
+        observation = load_observation(log, watch)
+        runs.append(add_model_effects(noise_scaled_baseline(observation), observable_effects(observation, in_maps))[0])
     return compare_runs(runs)
 
 
-def decision_json(found: TwoRunVerdict) -> dict[str, Any]:
-    """As other programs read it (`semlive experiment decide LOG OTHER --json`); only ever extended."""
+def decision_json(verdict: TwoRunVerdict) -> dict[str, Any]:
+    """JSON object of the verdict (`semlive experiment decide LOG OTHER --json`); it is only extended."""
     return {
-        "outcome": found.outcome.value,
-        "effect": None if found.effect is None else _effect_json(found.effect),
-        "effects": [_effect_json(one) for one in found.effects],
-        "ambiguous": list(found.ambiguous),
-        "evidence": dict(found.evidence),
-        "apart": found.apart,
-        "turned": None if found.turned is None else _turned_json(found.turned),
+        "outcome": verdict.outcome.value,
+        "effect": None if verdict.effect is None else _effect_json(verdict.effect),
+        "effects": [_effect_json(effect) for effect in verdict.effects],
+        "ambiguous": list(verdict.ambiguous),
+        "evidence": dict(verdict.evidence),
+        "apart": verdict.separate_log_odds,
+        "turned": None if verdict.turned is None else _turned_json(verdict.turned),
     }
 
 
-def _effect_json(one: SharedEffect) -> dict[str, Any]:
-    return {"name": one.name, "peak_px": one.peak_px, "parameters": parameters_json(one.parameters)}
+def _effect_json(effect: SharedEffect) -> dict[str, Any]:
+    return {"name": effect.name, "peak_px": effect.peak_px, "parameters": parameters_json(effect.parameters)}
 
 
-def _turned_json(one: ScanRotation) -> dict[str, Any]:
-    told = parameters_json((one.angle_rad, one.x_excess, one.skew))
-    return {"parameters": told, "distortion_of": one.follows or None, "of_scan": one.of_scan}
+def _turned_json(rotation: ScanRotation) -> dict[str, Any]:
+    parameters = parameters_json((rotation.angle_rad, rotation.x_excess, rotation.skew))
+    return {"parameters": parameters, "distortion_of": rotation.follows or None, "of_scan": rotation.of_scan}

@@ -11,8 +11,8 @@ import numpy as np
 from mcap.records import Channel, Statistics
 
 from semlive.data.disparity import DisparityMap
+from semlive.data.loading import LoadSeries
 from semlive.data.pair import PairDecision
-from semlive.data.series import LoadSeries
 from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadLog
 from semlive.formats.log import conversions as values

@@ -10,9 +10,8 @@ import numpy as np
 from semlive import dic, mechanics
 from semlive.data.drift import DistortionField
 from semlive.data.experiment import Phase
-from semlive.data.frame import ExportedFile, Frame
+from semlive.data.frame import ExportedFile, Frame, PatternQuality
 from semlive.data.grid import Grid
-from semlive.data.quality import PatternQuality
 from semlive.data.strain import Tensor2
 from semlive.engine import start
 from semlive.engine.schedule import Schedule, TimingAssumptions, schedule

@@ -235,7 +235,7 @@ def requested_settings(own: AnalysisSettings, request: ReplayRequest) -> Analysi
     if request.method is not None and own.estimate.method != request.method:
         own = replace(own, estimate=replace(own.estimate, method=request.method))
     if request.model is not None:
-        own = replace(own, model=compatible_model(request.log, request.model).known)
+        own = replace(own, model=compatible_model(request.log, request.model).effect_model)
     return apply_overrides(own, request.changes)
 
 

@@ -58,7 +58,7 @@ class PairArchive:
         return before.appended(new)
 
     def update(self, stored: Mapping[int, V], new: Mapping[int, V]) -> Mapping[int, V]:
-        """Return a mapping with new values, which replace values of the same number."""
+        """The stored values with the new ones, which replace values of the same number."""
         before = stored if isinstance(stored, StoredMapping) else StoredMapping[V](self).updated(stored)
         return before.updated(new)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from semlive.data.clock_offset import ClockOffset
+from semlive.data.clock import ClockOffset
 from semlive.data.frame import ExportedFile, FrameInfo
 from semlive.data.settings import ScanProfile
 from semlive.formats.log.messages import ClockOffsetMessage

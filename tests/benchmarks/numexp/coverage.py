@@ -13,12 +13,11 @@ from numexp.world import HEIGHT_PX, WIDTH_PX, Field
 from scipy.special import erfinv
 
 from semlive import estimate, mechanics
-from semlive.data.displacement import Displacement
 from semlive.data.drift import DistortionField, DriftEstimate, DriftForecast
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.data.strain import StrainField, StrainSummary, Tensor2
+from semlive.data.strain import Displacement, StrainField, StrainSummary, Tensor2
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive_simulators.effects.interfaces import Instants
 from semlive_simulators.specimen.specimen import at_rest

@@ -12,9 +12,9 @@ from numexp.world import Field
 
 from semlive import mechanics
 from semlive.data.disparity import DisparityMap
-from semlive.data.displacement import Displacement
 from semlive.data.drift import Correction, DistortionField
 from semlive.data.experiment import Phase
+from semlive.data.strain import Displacement
 
 WINDOW_POINTS = 9
 

@@ -8,10 +8,10 @@ from typing import TypeVar
 import numpy as np
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.displacement import Displacement
 from semlive.data.drift import DistortionField
 from semlive.data.grid import Grid
 from semlive.data.results import RunResult
+from semlive.data.strain import Displacement
 
 PAPER_POINTS = Grid(101, 101, 5, 150, 120, 43)
 

@@ -14,12 +14,11 @@ from sidebyside.neighbours import exported_frame, noise_correlation
 
 from semlive import dic, mechanics
 from semlive.data.disparity import DisparityMap
-from semlive.data.displacement import Displacement
 from semlive.data.experiment import Phase
 from semlive.data.frame import FrameInfo
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
-from semlive.data.strain import ElasticConstants
+from semlive.data.strain import Displacement, ElasticConstants
 from semlive.errors import BadInput
 from semlive.formats.log.maps import decode_map
 from semlive.formats.log.messages import DIC_MAP

@@ -259,6 +259,6 @@ def test_doctor_leaves_a_device_alone_that_a_run_holds(server: socket.socket) ->
         with pytest.raises(TimeoutError):
             server.accept()
     assert found.verdict is Verdict.FAILED
-    assert f"127.0.0.1:{port} unit 1 is driven by another semlive already" in found.said
+    assert f"127.0.0.1:{port} unit 1 is driven by another semlive already" in found.observation
     (found, *_) = check_device_endpoints(config)
     assert found.verdict is Verdict.OK

@@ -218,7 +218,7 @@ def test_minimalmodbus_reads_and_drives_the_bench(line: str) -> None:
 def drive(settings: dict[str, object]) -> None:
     """Look, read, command and stop, against a server that stands still."""
     found = check_modbus("bench", {"timeout_s": 3.0, **settings})
-    assert {finding.what: finding.said for finding in found.findings}["identity"] == "0x5e31"
+    assert {finding.what: finding.observation for finding in found.findings}["identity"] == "0x5e31"
     frame = open_load_frame({"timeout_s": 3.0, "frozen_after_s": 30.0, **settings}, CLOCK)
     assert not frame.identity.simulated
     sample = frame.read()

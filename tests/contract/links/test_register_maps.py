@@ -229,9 +229,9 @@ def test_a_look_reads_and_never_writes() -> None:
     with tcp(cell, drive) as (cell_port, drive_port):
         found = check_modbus("laumas_tlb", {"port": cell_port})
         said = {finding.what: finding for finding in found.findings}
-        assert said["gross"].said.startswith("-500 ")
+        assert said["gross"].observation.startswith("-500 ")
         assert said["order of words"].verdict is Verdict.OK
-        assert "gross: high word first makes sense" in said["order of words"].said
+        assert "gross: high word first makes sense" in said["order of words"].observation
         assert found.passed
         assert not found.confirmed
         assert check_modbus("oriental_az", {"port": drive_port}).passed
@@ -247,7 +247,7 @@ def test_a_look_finds_a_wrong_order_of_words_and_a_register_that_is_not_there() 
     said = {finding.what: finding for finding in found.findings}
     assert said["order of words"].verdict is Verdict.FAILED
     assert "the description says low word first: correct it" in said["order of words"].advice
-    assert "no such register (exception 2)" in said["serial_number"].said
+    assert "no such register (exception 2)" in said["serial_number"].observation
     assert not found.passed
 
 

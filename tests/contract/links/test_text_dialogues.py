@@ -212,7 +212,7 @@ def test_a_look_at_the_stand_gives_no_order(stand: Stand) -> None:
     found = check_frame("mark10_esm", {"unit": 1, "timeout_s": 0.5, "serial": {"port": stand.path, "slowest_s": 0.2}}, CLOCK)
     said = {finding.what: finding for finding in found.findings}
     assert said["force"].verdict is Verdict.OK
-    assert said["motion"].said == "S"
+    assert said["motion"].observation == "S"
     assert found.passed
     with pytest.raises(BadConfig, match="mark10_esm speaks over a serial line; give its path"):
         check_frame("mark10_esm", {"host": "127.0.0.1", "port": 502}, CLOCK)

@@ -31,4 +31,4 @@ def test_an_open_verdict_foretells_what_experiments_decide(semlive: Callable[...
     rates = [one["log_odds_per_minute"] for one in menu]
     assert rates == sorted(rates, reverse=True)
     page = (tmp_path / "page.html").read_text()
-    assert all(word in page for word in ("What experiments are expected to decide", "other scan, 2 times the dwell", "ln odds a minute"))
+    assert all(word in page for word in ("Expected results of experiments", "other scan, 2 times the dwell", "ln odds per minute"))

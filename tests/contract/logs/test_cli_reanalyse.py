@@ -76,7 +76,7 @@ def test_nobody_at_the_scheduler_s_address(semlive: Semlive, short: Path, tmp_pa
     code, out, err = semlive("reanalyse", str(short), "-o", str(tmp_path / "out"), "--dask", "nonsense://nowhere")
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
-    assert "--dask nonsense://nowhere: nobody answers there" in err
+    assert "--dask nonsense://nowhere: the scheduler does not reply" in err
 
 
 def dying(asked: ReplayRequest, name: str, part: str) -> LogOutcome:

@@ -14,8 +14,9 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.cases import ONE, TWO, Case
 
-from semlive.data.diagnosis import Diagnosis, Outcome
-from semlive.diagnose.baseline.baseline import DesignMatrix
+from semlive.data.diagnosis.effects import Outcome
+from semlive.data.diagnosis.verdict import Diagnosis
+from semlive.diagnose.baseline.design_matrix import DesignMatrix
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.maps.relinearise import choose_coupling

@@ -12,7 +12,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from imaged_log import log_of, moved
 
-from semlive.data.diagnosis import IntensityDiagnosis, Outcome
+from semlive.data.diagnosis.channels import IntensityDiagnosis
+from semlive.data.diagnosis.effects import Outcome
 from semlive.data.settings import DicSettings
 from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive.report.diagnosis_page import diagnosis_html
@@ -73,7 +74,7 @@ def close(found: tuple[float, float], truth: float, sigmas: float = 4.0) -> bool
 def test_nothing_is_named_where_nothing_is_and_noise_is_told(tmp_path: Path) -> None:
     found = grey_of(tmp_path)
 
-    assert (found.outcome, found.effects, found.left) == (Outcome.NONE, (), "")
+    assert (found.outcome, found.effects, found.unexplained) == (Outcome.NONE, (), "")
     assert found.where[0].p_value > 0.01
     dark, slope = found.noise
     assert close((dark.value, dark.sigma), PAPER.detector.read_noise**2 + 1.0 / 12.0)
@@ -114,7 +115,7 @@ def test_local_brightness_is_given_no_name(tmp_path: Path) -> None:
     found = grey_of(tmp_path, ChargingLocalLens(0.3, 80.0, 10.0, 900.0, ((150.0, 150.0),)))
 
     assert (found.outcome, found.effects) == (Outcome.UNKNOWN, ())
-    assert "blocks" in found.left
+    assert "blocks" in found.unexplained
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,8 @@ from blind.experiment import AREA_MM2, YOUNGS_GPA, Conditions, poses
 from blind.observing import observed
 from numexp.world import start_s
 
-from semlive.data.diagnosis import Diagnosis, Outcome
+from semlive.data.diagnosis.effects import Outcome
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.data.grid import Grid
 from semlive.data.strain import MeasuredValue
 from semlive.diagnose.baseline.observation import Observation, StepConditions

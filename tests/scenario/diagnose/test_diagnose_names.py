@@ -15,7 +15,7 @@ from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import observed
 
-from semlive.data.diagnosis import Outcome
+from semlive.data.diagnosis.effects import Outcome
 from semlive.data.grid import Grid
 from semlive.diagnose.maps.verdict import diagnose
 from semlive.model.effects import EFFECT_CLASSES

@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from bench_swallowed import experiment, swallowed
 from blind.experiment import Conditions
 
-from semlive.data.diagnosis import Outcome
+from semlive.data.diagnosis.effects import Outcome
 from semlive.data.grid import Grid
 from semlive.diagnose.maps.verdict import diagnose
 from semlive.model.effects import EFFECT_CLASSES

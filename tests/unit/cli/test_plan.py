@@ -15,9 +15,9 @@ from scipy import ndimage
 from typer.testing import CliRunner
 
 from semlive.cli.app import app
-from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
 from semlive.data.settings import StrainSettings
+from semlive.data.strain import Displacement
 from semlive.engine.schedule import TimingAssumptions, dose_c_m2, schedule
 from semlive.errors import BadInput
 from semlive.mechanics import expected_mean_sigma, expected_sigma, false_strain, mean_gradient, strain, typical_distortion

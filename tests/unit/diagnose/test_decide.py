@@ -15,7 +15,8 @@ from blind.experiment import Conditions
 from blind.observing import observed
 from numexp.world import SCAN
 
-from semlive.data.diagnosis import Outcome, TwoRunVerdict
+from semlive.data.diagnosis.effects import Outcome
+from semlive.data.diagnosis.two_runs import TwoRunVerdict
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import project
@@ -56,7 +57,7 @@ def told(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
 def test_a_distortion_that_both_scans_have_is_nothing() -> None:
     found = decided(41)
     assert (found.outcome, found.effect, found.ambiguous) == (Outcome.NONE, None, ())
-    assert found.apart < 0.0
+    assert found.separate_log_odds < 0.0
     assert max(factor for _, factor in found.evidence) < 7.0
 
 
@@ -84,11 +85,11 @@ def test_what_one_run_takes_for_distortion_moves_with_the_scan(effect: Effect, v
 def test_a_distortion_that_goes_with_the_scan_by_no_known_law_is_unknown() -> None:
     found = compare_runs((run(43), run(1043, scan=HALF)))
     assert found.outcome is Outcome.UNKNOWN
-    assert found.apart > 100.0
+    assert found.separate_log_odds > 100.0
 
 
 def test_runs_that_were_scanned_alike_decide_nothing() -> None:
-    with pytest.raises(IllPosed, match="scanned alike"):
+    with pytest.raises(IllPosed, match="equal scan times"):
         compare_runs((run(44, grid=COARSE), run(1044, bent_like=44, grid=COARSE)))
 
 
@@ -103,7 +104,7 @@ def test_one_run_joined_with_nothing_is_that_run() -> None:
     joined = join_runs([alone])
     scene = alone.design.observation.geometry
     for family in (TWO_RUN_EFFECT_CLASSES[1], EFFECT_CLASSES[1]):
-        law = family.law(scene, next(iter(family.grid(scene))))
+        law = family.basis_field(scene, next(iter(family.grid(scene))))
         assert law is not None
         one, other = joined.projected([law]), project(best, law.field_px)
         assert one.values == pytest.approx(other.values, rel=1e-6, abs=1e-9)
@@ -115,7 +116,7 @@ def test_a_law_is_what_the_points_and_subsets_of_a_block_show() -> None:
     conditions = Conditions(47, tension=0, subset_px=GRID.subset_px)
     without, having = (observed(conditions, effects, GRID) for effects in ((), (FrameStartSettling(0.3, -0.4, 5.0),)))
     family = next(one for one in TWO_RUN_EFFECT_CLASSES if one.name == "frame_start_settling")
-    like = family.law(without.geometry, {"settling_s": 5.0})
+    like = family.basis_field(without.geometry, {"settling_s": 5.0})
     assert like is not None
     law = relative_to_reference(family, sample_within_blocks(without), {"settling_s": 5.0}, like)
     assert law is not None

@@ -19,7 +19,8 @@ from numexp.world import SCAN
 from rich.console import Console
 
 from semlive.cli.forecast_table import forecast_table
-from semlive.data.diagnosis import Diagnosis, ExperimentForecast, ExperimentProposal, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import score_candidates
@@ -161,17 +162,17 @@ def test_the_experiment_that_decides_in_the_least_time_is_proposed() -> None:
 
     chosen = choose_proposal(asked)
     assert chosen is not None
-    assert (chosen.kind, chosen.foretold) == (ExperimentKind.CHANGED_SCAN_TIMES, slow)
+    assert (chosen.kind, chosen.forecast) == (ExperimentKind.CHANGED_SCAN_TIMES, slow)
     undecided = choose_proposal(replace(asked, experiment=ExperimentProposal(ALIKE, "park the stage", (weak,))))
     assert undecided is not None
-    assert (undecided.kind, undecided.foretold) == (ExperimentKind.STATIONARY_SERIES, None)
+    assert (undecided.kind, undecided.forecast) == (ExperimentKind.STATIONARY_SERIES, None)
     assert weak.log_odds_per_minute == pytest.approx(0.4)
     assert slow.summary == "other scan, 2 times the dwell"
 
     told = ranked(ExperimentProposal(ALIKE, "park the stage"), (weak, slow))
-    assert told.about.startswith("other scan, 2 times the dwell, 60 minutes: what goes with the dwell")
+    assert told.about.startswith("other scan, 2 times the dwell, 60 minutes: effects that follow the dwell")
     assert told.about.endswith("(or: park the stage)")
-    assert told.foretold == (weak, slow)
+    assert told.forecasts == (weak, slow)
     assert ranked(ExperimentProposal(ALIKE, "park the stage"), (weak,)).about == "park the stage"
 
     console = Console(width=160, record=True, file=StringIO())

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semlive.data.diagnosis import Diagnosis, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.data.experiment import Phase
 from semlive.data.strain import MeasuredValue
 from semlive.diagnose.baseline.observation import StepConditions

@@ -10,7 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import fourier_gaussian, gaussian_filter
 
-from semlive.data.diagnosis import Diagnosis, IdentifiedEffect, IntensityDiagnosis, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.channels import IntensityDiagnosis
+from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 from semlive.diagnose.combine import add_intensity_verdict
@@ -89,7 +91,7 @@ def names(found: IntensityDiagnosis) -> list[str]:
 @pytest.mark.parametrize("seed", range(6))
 def test_nothing_is_named_where_nothing_is(seed: int) -> None:
     found = diagnose_intensity(series(seed))
-    assert (found.outcome, names(found), found.left) == (Outcome.NONE, [], "")
+    assert (found.outcome, names(found), found.unexplained) == (Outcome.NONE, [], "")
     assert found.where[0].p_value > 0.002
 
 
@@ -137,7 +139,7 @@ def test_contamination_over_a_black_level_is_told_with_it() -> None:
 def test_brightness_that_drifts_is_no_contamination() -> None:
     found = diagnose_intensity(series(5, lambda grey, time_s: grey + 0.01 * time_s))
     assert (found.outcome, names(found)) == (Outcome.UNKNOWN, [])
-    assert "frames" in found.left
+    assert "frames" in found.unexplained
     assert max(found.evidence, key=lambda one: one[1])[0] == DRIFT
 
 
@@ -236,8 +238,8 @@ def test_laws_beside_each_other_share_nothing_that_one_explains() -> None:
     courses = intensity_time_series(series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s)))
     alone = IntensityRegression(courses).all_fits()
     best = max(alone, key=lambda one: one.odds)
-    assert best.law.name == "contamination"
-    assert max(one.odds for one in IntensityRegression(courses, (best.law,)).all_fits()) < 7.0
+    assert best.model.name == "contamination"
+    assert max(one.odds for one in IntensityRegression(courses, (best.model,)).all_fits()) < 7.0
 
 
 def of_maps(outcome: Outcome, *effects: IdentifiedEffect) -> Diagnosis:
@@ -288,7 +290,7 @@ def test_a_flash_decides_between_jumps(quiet: IntensityDiagnosis) -> None:
     ],
 )
 def test_grey_without_a_law_goes_along_with_a_charge_only(quiet: IntensityDiagnosis, outcome: Outcome, name: str, joint: Outcome) -> None:
-    strange = replace(quiet, outcome=Outcome.UNKNOWN, left="frames differ by 2 grey levels")
+    strange = replace(quiet, outcome=Outcome.UNKNOWN, unexplained="frames differ by 2 grey levels")
     found = add_intensity_verdict(of_maps(outcome, effect(name)), strange)
     assert found.outcome is joint
     assert found.grey is strange

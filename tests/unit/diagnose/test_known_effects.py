@@ -15,7 +15,7 @@ from blind.experiment import Conditions, hidden
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import observed
 
-from semlive.data.diagnosis import ModelEffect
+from semlive.data.diagnosis.effects import ModelEffect
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.model_effects import effect_displacement, interpolate_to_grid
 from semlive.diagnose.baseline.observation import Observation

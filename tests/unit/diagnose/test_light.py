@@ -18,7 +18,7 @@ from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.live import followed
 
 from semlive import pipeline
-from semlive.data.diagnosis import DomainTest
+from semlive.data.diagnosis.effects import DomainTest
 from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.diagnose.residual_whiteness import FALSE_ALARM_RATE, Whiteness, whiteness_test
 from semlive.service.analysis.results import new_warnings

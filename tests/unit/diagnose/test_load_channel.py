@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from semlive.data.diagnosis import Diagnosis, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.scalars.load_cell import LoadReadings, add_clock_evidence, add_load_cell_evidence
 from semlive_simulators.effects.friction_hysteresis import FrictionHysteresis
 from semlive_simulators.effects.interfaces import Effect

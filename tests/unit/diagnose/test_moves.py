@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from semlive.data.diagnosis import Diagnosis, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.scalars.stage import StageMoves, add_stage_evidence
 
 CROSS = [0, 16, -8, 32, -24, 8, -32, 24, 0]

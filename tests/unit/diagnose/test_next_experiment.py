@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from semlive.data.diagnosis import Diagnosis, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.experiments.proposals import ExperimentKind, choose_proposal
 from semlive.errors import BadConfig

@@ -34,7 +34,7 @@ def ladder(seen: Observation) -> HyperparameterGrid:
 
 
 def columns(seen: Observation, name: str) -> np.ndarray:
-    law = effect_class(name).law(seen.geometry, {})
+    law = effect_class(name).basis_field(seen.geometry, {})
     assert law is not None
     return law.field_px
 

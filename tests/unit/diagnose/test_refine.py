@@ -20,7 +20,8 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
 from semlive.diagnose.baseline.bayes_factor import project, score_candidates
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
-from semlive.diagnose.maps.refinement import LinearParameterSums, RefinedEffect, refined, refit_jointly
+from semlive.diagnose.maps.parameter_search import LinearParameterSums
+from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
 from semlive.model.effects import EFFECT_CLASSES
 from semlive.model.effects.maps.distortion_scale_drift import AFFINE
 
@@ -94,13 +95,13 @@ def test_a_law_that_is_a_sum_is_what_its_columns_say() -> None:
     bare, _ = hiding("distortion_scale_drift", 0.2, 3)
     family, values = effect_class("distortion_scale_drift"), dict(zip(AFFINE, (0.4, -0.7, 0.2, 1.1), strict=True))
     sums = LinearParameterSums.of(bare, family)
-    law = family.law(bare.design.observation.geometry, values)
+    law = family.basis_field(bare.design.observation.geometry, values)
     assert sums is not None
     assert law is not None
     summed, whole = sums.at(values), project(bare, law.field_px)
     sizes_px = np.geomspace(0.003, 1.0, 5)
     assert summed.log_factor(sizes_px) == pytest.approx(whole.log_factor(sizes_px), rel=1e-6, abs=1e-6)
-    for one, other in zip(sums.rung(0).at(values).amplitudes(0, 0.1), whole.amplitudes(0, 0.1), strict=True):
+    for one, other in zip(sums.at_point(0).at(values).amplitudes(0, 0.1), whole.amplitudes(0, 0.1), strict=True):
         assert one == pytest.approx(other, rel=1e-5, abs=1e-9)
     assert LinearParameterSums.of(bare, effect_class("thermal_oscillation")) is None
 
@@ -110,7 +111,7 @@ def test_only_what_is_linear_is_a_sum() -> None:
     scene = hiding("distortion_scale_drift", 0.2, 3)[0].design.observation.geometry
     for family in (one for one in EFFECT_CLASSES if one.linear_in_parameters):
         for name in (one.name for one in family.nonlinear_parameters):
-            low, half, high = (family.law(scene, {name: value}) for value in (0.0, 0.5, 1.0))
+            low, half, high = (family.basis_field(scene, {name: value}) for value in (0.0, 0.5, 1.0))
             assert low is not None
             assert half is not None
             assert high is not None

@@ -15,7 +15,8 @@ from blind.experiment import Conditions
 from blind.hiding import hidden_effect
 from blind.observing import observed
 
-from semlive.data.diagnosis import Diagnosis, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
 from semlive.diagnose.baseline.bayes_factor import score_candidates

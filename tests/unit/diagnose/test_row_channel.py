@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from semlive.data.diagnosis import Diagnosis, IdentifiedEffect, ModelEffect, Outcome, RowDiagnosis
+from semlive.data.diagnosis.channels import RowDiagnosis
+from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.combine import add_row_verdict
 from semlive.diagnose.rows.series import RowSeries, interpolated
 from semlive.diagnose.rows.verdict import diagnose_rows

@@ -18,7 +18,7 @@ from blind.live import decided, followed
 from numexp.asrun import START_NS
 
 from semlive import pipeline
-from semlive.data.diagnosis import EffectModel, ModelEffect
+from semlive.data.diagnosis.effects import EffectModel, ModelEffect
 from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult

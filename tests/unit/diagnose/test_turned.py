@@ -18,12 +18,13 @@ from blind.experiment import Conditions
 from blind.observing import observed
 from numexp.world import SCAN
 
-from semlive.data.diagnosis import Outcome, ParameterEstimate, TwoRunVerdict
+from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
+from semlive.data.diagnosis.two_runs import TwoRunVerdict
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.experiments.proposals import ExperimentKind
-from semlive.diagnose.experiments.protocols import SQUARE, protocol_for, square_px, within_travel
+from semlive.diagnose.experiments.protocols import SQUARE_SHIFTS, protocol_for, square_px, within_travel
 from semlive.diagnose.two_runs.decide import compare_runs
 from semlive.diagnose.two_runs.disc_basis import AFFINE, DiscDistortion, modes
 from semlive.diagnose.two_runs.scan_axes import ScanAxes, StageResponse, axes_between
@@ -101,7 +102,7 @@ def test_curved_ramps_are_told_from_a_lens_beside_them() -> None:
 def test_a_scan_that_was_not_turned_is_told_by_its_times(plain: tuple[HyperparameterGrid, HyperparameterGrid]) -> None:
     first, _ = plain
     assert analyse_scan_rotation((first, first)) is None
-    with pytest.raises(IllPosed, match="scanned alike"):
+    with pytest.raises(IllPosed, match="equal scan times"):
         compare_runs((first, run(1051, (), SCAN, 51, 7)))
 
 
@@ -198,7 +199,7 @@ def test_a_distortion_belongs_where_it_stays(of_column: Field, of_scan: Field, f
     seen = []
     for turn in (np.eye(2), between):
         field = of_column(known.at @ turn) @ turn.T + of_scan(known.at)  # E2(R) = T E1(T^-1 R)
-        exact = known.taken(field)[AFFINE:].T
+        exact = known.project(field)[AFFINE:].T
         seen.append(DiscDistortion(exact + rng.normal(0.0, sigma, exact.shape), sigma**2 * np.eye(exact.size), np.zeros((2, 2))))
     told_of_axes = (
         ParameterEstimate(name, value, 1e-3, "1") for name, value in (("turn_rad", 1.57), ("x_excess", 0.02), ("skew_rad", 0.0))
@@ -221,7 +222,7 @@ def test_the_experiment_asks_for_moves_that_tell() -> None:
     protocol = protocol_for(before, ExperimentKind.ROTATED_SCAN)
     shifts = np.array(protocol["calibration_shifts_px"])
     assert np.abs(shifts).max() == 150.0
-    assert (len(shifts), protocol["loads_n"], protocol["recentre_beyond_px"]) == (len(SQUARE), [], None)
+    assert (len(shifts), protocol["loads_n"], protocol["recentre_beyond_px"]) == (len(SQUARE_SHIFTS), [], None)
     near_by = np.array(within_travel(protocol, 80.0)["calibration_shifts_px"])
     assert near_by == pytest.approx(shifts * 80.0 / 150.0)
     assert within_travel(protocol, 200.0) == protocol

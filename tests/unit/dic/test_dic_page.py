@@ -33,4 +33,4 @@ def test_examples_run_as_they_stand(lab, tmp_path, monkeypatch):
 
 def test_every_status_is_explained():
     words = set(re.findall(r"^\| `(\w+)` \|", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE))
-    assert words == {status.word for status in dic.PoiStatus}
+    assert words == {status.label for status in dic.PoiStatus}

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from semlive import mechanics
-from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
 from semlive.data.settings import StrainSettings
-from semlive.data.strain import Tensor2
+from semlive.data.strain import Displacement, Tensor2
 from semlive.mechanics.strain_gauge_fits import gradients, whole_window
 
 GRID = Grid(30, 30, 5, 60, 50, 21)

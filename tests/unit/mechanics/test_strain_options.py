@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from semlive import mechanics
-from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
 from semlive.data.settings import StrainSettings
+from semlive.data.strain import Displacement
 from semlive.errors import IllPosed
 
 GRID = Grid(50, 60, 5, 24, 20, 43)

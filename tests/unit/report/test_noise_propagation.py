@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import uniform_filter
 
 from semlive import mechanics
-from semlive.data.displacement import Displacement
 from semlive.data.grid import Grid
+from semlive.data.strain import Displacement
 from semlive.report.noise_propagation import effective_sample_size, noise_scatter
 
 GRID = Grid(30, 30, 5, 60, 48, 21)

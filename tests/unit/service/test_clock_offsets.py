@@ -61,7 +61,7 @@ def test_a_clock_an_hour_ahead_is_known_within_the_time_that_an_export_takes() -
 def test_a_right_clock_is_told_without_advice() -> None:
     clocks, told = after(FileClockOffsets.with_poll_interval(1.0), T0, 0, 0.0, 1.0)
     assert [one.advice for one in told] == ["", ""]
-    assert [one.reason for one in told] == ["the first file tells it"] * 2
+    assert [one.reason for one in told] == ["first file with this clock"] * 2
     assert clocks.sem.sigma_s == pytest.approx((1 / 12 + 4.0 + 1.0) ** 0.5)
 
 
@@ -77,11 +77,11 @@ def test_late_files_are_no_step_of_a_clock_and_a_clock_that_is_set_is() -> None:
     winter = clocks
     for number in range(5, 11):
         winter, told = after(winter, T0 + 40 * number * S, number, -3600.0, 1.0)
-    assert [one.reason for one in told if one.clock == "sem"] == ["it was set by -3600.0 s"]
+    assert [one.reason for one in told if one.clock == "sem"] == ["the clock was set by -3600.0 s"]
     summer, _ = after(clocks, T0 + 200 * S, 5, 3600.0, 1.0)
     summer, told = after(summer, T0 + 240 * S, 6, 3600.0, 1.0)
     [step] = [one for one in told if one.clock == "sem"]
-    assert step.reason == "it was set by +3600.0 s"
+    assert step.reason == "the clock was set by +3600.0 s"
     assert step.offset_s == pytest.approx(3600.0, abs=2.0)
 
 

@@ -1,4 +1,4 @@
-"""An eccentric load bends the specimen in its plane."""
+"""In-plane bending of the specimen by an eccentric load."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from semlive.model.effects.run_geometry import RunGeometry, field_column
 POISSON = 0.33
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField | None:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
     """U = -k F (y^2 + nu x^2) / 2, v = k F x y."""
     del values
     if not scene.load.any():
@@ -20,7 +20,7 @@ def law(scene: RunGeometry, values: Values) -> BasisField | None:
 FAMILY = EffectClass(
     "bending_misalignment",
     "the specimen bends in its plane as the load grows",
-    law,
+    basis_field,
     group="G11",
     discriminating_experiment="the specimen turned over in the grips, or a strain gage on either edge",
 )

@@ -1,4 +1,4 @@
-"""Charge builds up in every frame and pushes the beam aside, more with every dose."""
+"""Charging in every frame deflects the beam, more with increasing dose."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, xy_columns
 CHARGING_S, DOSE_S = (5.0, 10.0, 20.0, 40.0, 80.0), (600.0, 1800.0, 6000.0)
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """A (1 - exp(-tau / tau_c)) (1 - exp(-T_f / T_d))."""
     charge = np.expm1(-scene.time_in_frame_s / values["charging_s"]) * np.expm1(-scene.start_s / values["dose_s"])[:, None]
     return BasisField(xy_columns(charge), xy_parameters("px"))
@@ -24,11 +24,11 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "charging_frame_ramp",
-    "the picture is pushed aside in the course of every frame, more with every frame",
-    law,
+    "the image shifts during every frame, more with every frame",
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("charging_s", "s", 2.0, ratio=True), NonlinearParameter("dose_s", "s", 3.0, ratio=True)),
     group="G9",
-    discriminating_experiment="five minutes with the beam blanked; the mean grey level ramps with it",
+    discriminating_experiment="five minutes with the beam blanked; the mean grey level changes in proportion",
     sizes_px=(0.003, 10.0),
 )

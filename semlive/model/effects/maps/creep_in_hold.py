@@ -1,4 +1,4 @@
-"""The specimen goes on stretching while the load is held."""
+"""Creep of the specimen at constant load."""
 
 from collections.abc import Iterable
 
@@ -11,7 +11,7 @@ POISSON = 0.33
 ONSETS_S = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField | None:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
     """Eps = c F ln(1 + (T - T_k) / t0), across -nu eps."""
     if not scene.load.any():
         return None
@@ -28,10 +28,10 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "creep_in_hold",
-    "the specimen goes on stretching in the hold: eps = c F ln(1 + t / t0)",
-    law,
+    "the specimen creeps during the hold: eps = c F ln(1 + t / t0)",
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("onset_s", "s", 3.0, ratio=True),),
-    discriminating_experiment="a longer hold with a third picture; the load in displacement "
+    discriminating_experiment="a longer hold with a third frame; the load in displacement "
     "control falls as the strain grows in load control",
 )

@@ -1,4 +1,4 @@
-"""The correlation's interpolation is wrong by a wave over each pixel."""
+"""Interpolation bias of the correlation, periodic in the subpixel displacement."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from semlive.model.effects.effect_class import BasisField, EffectClass, Reported
 from semlive.model.effects.run_geometry import RunGeometry
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """A sin(2 pi U)."""
     del values
     wave = np.sin(2.0 * np.pi * scene.disparity_px)[..., None]
@@ -15,8 +15,8 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 
 FAMILY = EffectClass(
     "dic_subpixel_bias",
-    "displacements are wrong by a wave over each pixel: A sin(2 pi U)",
-    law,
-    discriminating_experiment="the same pictures with another interpolant: no beam time",
+    "displacements have a bias with the period of a pixel: A sin(2 pi U)",
+    basis_field,
+    discriminating_experiment="the same images with another interpolation: no beam time",
     sizes_px=(0.001, 0.1),
 )

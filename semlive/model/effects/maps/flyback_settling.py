@@ -1,4 +1,4 @@
-"""The beam has not come to rest when a row begins; another dwell moves the columns where it has."""
+"""Settling of the beam at the start of rows; its extent in columns depends on the dwell time."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, field_column
 BETWEEN_S, COUNT = (1e-4, 2e-2), 12
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """Along x, A exp(-x t_D / tau)."""
     fall = np.exp(-scene.time_in_row_s / values["settling_s"])
     return BasisField(field_column(fall, np.zeros_like(fall)), (ReportedParameter("amplitude_px", "px", np.ones(1)),))
@@ -24,11 +24,11 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "flyback_settling",
-    "rows begin before the beam has come to rest",
-    law,
+    "rows begin before the beam has settled",
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("settling_s", "s", 1.62, ratio=True),),
     group="G4",
-    discriminating_experiment="the calibration again with half or twice the dwell: what settles moves, the distortion stays",
+    discriminating_experiment="the calibration again with half or twice the dwell: settling changes its extent, the distortion does not",
     sizes_px=(0.003, 10.0),
 )

@@ -1,4 +1,4 @@
-"""The beam has not come to rest when a frame begins; another row time moves the rows where it has."""
+"""Settling of the beam at the start of frames; its extent in rows depends on the row time."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, xy_columns
 BETWEEN_S, COUNT = (0.3, 30.0), 10
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """(u, v) = A exp(-y t_R / tau)."""
     return BasisField(xy_columns(np.exp(-scene.row_start_s / values["settling_s"])), xy_parameters("px"))
 
@@ -23,11 +23,11 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "frame_start_settling",
-    "frames begin before the beam has come to rest",
-    law,
+    "frames begin before the beam has settled",
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("settling_s", "s", 1.67, ratio=True),),
     group="G4",
-    discriminating_experiment="the calibration again with half or twice the row time: what settles moves, the distortion stays",
+    discriminating_experiment="the calibration again with half or twice the row time: settling changes its extent, the distortion does not",
     sizes_px=(0.003, 10.0),
 )

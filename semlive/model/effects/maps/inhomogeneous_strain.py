@@ -1,4 +1,4 @@
-"""The specimen deforms unevenly: grains, yielding, a crack. That is what was to be measured, and is never corrected."""
+"""Inhomogeneous strain of the specimen by grains, yielding or a crack: the measured quantity, never corrected."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from semlive.model.effects.run_geometry import RunGeometry, xy_columns
 WAVES = 9
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField | None:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
     """A smooth field that grows with the load: cosines over the material points, finer ones smaller."""
     del values
     if not scene.load.any():
@@ -27,9 +27,9 @@ def law(scene: RunGeometry, values: Values) -> BasisField | None:
 
 FAMILY = EffectClass(
     "inhomogeneous_strain",
-    "the specimen deforms unevenly as the load grows: that is signal, and is left in",
-    law,
+    "the specimen deforms inhomogeneously with the load: the measured signal, not corrected",
+    basis_field,
     group="G11",
-    discriminating_experiment="unload: what stays is plastic; a fresh field",
+    discriminating_experiment="unload: the residual is plastic; a fresh field",
     strain_like=True,
 )

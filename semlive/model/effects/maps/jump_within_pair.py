@@ -1,4 +1,4 @@
-"""A jump between the two frames of a pair."""
+"""A permanent jump of the image between the two frames of a pair."""
 
 from collections.abc import Iterable
 
@@ -8,7 +8,7 @@ from semlive.model.effects.effect_class import BasisField, EffectClass, Recurren
 from semlive.model.effects.run_geometry import RunGeometry, xy_columns
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """(u, v) = J from the second frame of a pair on."""
     later = np.broadcast_to((scene.frame >= values["first_frame"])[:, None], scene.time_s.shape)
     return BasisField(xy_columns(later.astype(np.float64)), xy_parameters("px"))
@@ -21,11 +21,11 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "jump_within_pair",
-    "the picture jumps between the two frames of a pair and stays where it is",
-    law,
+    "the image jumps permanently between the two frames of a pair",
+    basis_field,
     grid,
     group="G8",
-    discriminating_experiment="a third picture in the pair",
+    discriminating_experiment="a third frame in the pair",
     sizes_px=(0.003, 10.0),
     recurrence=Recurrence.ONE_TIME,
 )

@@ -1,4 +1,4 @@
-"""Mains hum with the rows triggered by the mains: a pattern of columns, whose period another dwell changes."""
+"""Mains hum with row scans triggered by the mains: a pattern of columns, with a period that depends on the dwell time."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, field_column
 MAINS_HZ = (50.0, 60.0, 100.0, 120.0)
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
     """Along x, A sin(2 pi f x t_D + phi) as a sine and a cosine."""
     phase = 2.0 * np.pi * values["frequency_hz"] * scene.time_in_row_s
     nothing = np.zeros_like(phase)
@@ -21,15 +21,15 @@ def law(scene: RunGeometry, values: Values) -> BasisField:
 
 
 def grid(scene: RunGeometry) -> Iterable[Values]:
-    """The mains and their first overtone."""
+    """The mains frequencies and their first overtones."""
     del scene
     return ({"frequency_hz": value} for value in MAINS_HZ)
 
 
 FAMILY = EffectClass(
     "line_sync_hum",
-    "the mains push all columns aside in the same way, as rows are triggered by them",
-    law,
+    "the mains deflect equal columns of all rows equally, because they trigger the rows",
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("frequency_hz", "Hz", 5.0),),
     group="G4",

@@ -1,4 +1,4 @@
-"""Grips seat and the frame settles after each load step."""
+"""Decaying motion after each load step by seating of the grips and settling of the load frame."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, exponential_decay, x
 BETWEEN_S, COUNT = (8.0, 400.0), 9
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField | None:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
     """D += dF A exp(-(T - T_k) / tau)."""
     largest_n = float(np.abs(scene.load_change_n).max())
     if largest_n == 0.0:
@@ -27,10 +27,10 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "load_step_transient",
-    "the picture creeps after each load step and comes to rest",
-    law,
+    "the image creeps after each load step with an exponential decay",
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("time_constant_s", "s", 1.63, ratio=True),),
-    discriminating_experiment="a dummy step at the same load, and a longer hold",
+    discriminating_experiment="a step without a change of load, and a longer hold",
     sizes_px=(0.003, 10.0),
 )

@@ -1,4 +1,4 @@
-"""The stage creeps after each move."""
+"""Decaying motion of the stage after each move."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from semlive.model.effects.run_geometry import RunGeometry, exponential_decay
 BETWEEN_S, COUNT = (8.0, 400.0), 9
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField | None:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
     """D += A m_n exp(-(T - T_n) / tau) along the move."""
     largest_px = float(np.abs(scene.move_px).max())
     if largest_px == 0.0:
@@ -27,10 +27,10 @@ def grid(scene: RunGeometry) -> Iterable[Values]:
 
 FAMILY = EffectClass(
     "stage_step_transient",
-    "the stage creeps after each move, along it, and comes to rest",
-    law,
+    "the stage creeps along each move with an exponential decay",
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("time_constant_s", "s", 1.63, ratio=True),),
-    discriminating_experiment="a longer wait after some of the moves, or beam shifts in their stead",
+    discriminating_experiment="a longer wait after some of the moves, or beam shifts instead",
     sizes_px=(0.003, 10.0),
 )

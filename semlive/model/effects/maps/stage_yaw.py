@@ -1,4 +1,4 @@
-"""The stage's guides turn the specimen a little with each move."""
+"""Small rotation of the specimen with each move by the guides of the stage."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ from semlive.model.effects.effect_class import BasisField, EffectClass, Recurren
 from semlive.model.effects.run_geometry import RunGeometry, field_column, times_time_columns
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField | None:
-    """A rotation of its own for each pair of the calibration but the first; later the gradient is free anyway."""
+def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
+    """An independent rotation of each calibration pair except the first; in later pairs the gradient is free."""
     del values
     pairs = [pair for pair in np.unique(scene.pair)[1:] if not scene.gradient_free[scene.pair == pair].any()]
     if not pairs:
@@ -18,9 +18,9 @@ def law(scene: RunGeometry, values: Values) -> BasisField | None:
 
 FAMILY = EffectClass(
     "stage_yaw",
-    "each move turns the specimen a little",
-    law,
+    "each move rotates the specimen slightly",
+    basis_field,
     group="G2",
-    discriminating_experiment="an hour of pairs with the stage parked: what turns with the moves alone is the stage",
+    discriminating_experiment="an hour of pairs with a stationary stage: a rotation only with moves is that of the stage",
     recurrence=Recurrence.FOLLOWS_MOVES,
 )

@@ -1,4 +1,4 @@
-"""Air conditioning or a chiller moves the picture to and fro."""
+"""Periodic motion of the image by air conditioning or a chiller."""
 
 from collections.abc import Iterable
 
@@ -10,26 +10,26 @@ from semlive.model.effects.run_geometry import RunGeometry, xy_columns
 LONGEST_S, SHORTEST_S = 900.0, 60.0
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField:
-    """A sine of any phase along each axis."""
+def basis_field(scene: RunGeometry, values: Values) -> BasisField:
+    """A sine of arbitrary phase along each axis."""
     angle = 2.0 * np.pi * scene.time_s / values["period_s"]
     columns = np.concatenate((xy_columns(np.sin(angle)), xy_columns(np.cos(angle))), axis=-1)
     return BasisField(columns, random_amplitude=("amplitude_px", "px", 2.0**0.5))
 
 
 def grid(scene: RunGeometry) -> Iterable[Values]:
-    """Frequencies half a period in the run apart; lines between wider ones are lost."""
+    """Frequencies half a cycle per run apart; a wider grid misses spectral lines."""
     frequencies = np.arange(1.0 / LONGEST_S, 1.0 / SHORTEST_S, 0.5 / scene.end_s)
     return ({"period_s": float(1.0 / frequency)} for frequency in frequencies)
 
 
 FAMILY = EffectClass(
     "thermal_oscillation",
-    "the picture swings with one period",
-    law,
+    "the image oscillates with one period",
+    basis_field,
     grid,
     nonlinear_parameters=(NonlinearParameter("period_s", "s", 1.02, ratio=True),),
     group="G8",
-    discriminating_experiment="the temperature of the room and of the chiller, logged beside",
+    discriminating_experiment="the temperatures of laboratory and chiller, logged during the run",
     recurrence=Recurrence.NEW_DRAW,
 )

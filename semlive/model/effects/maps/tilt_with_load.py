@@ -1,4 +1,4 @@
-"""Grips out of line tilt the specimen with the load: perspective."""
+"""Perspective by tilt of the specimen under load with misaligned grips."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from semlive.model.effects.effect_class import BasisField, EffectClass, Reported
 from semlive.model.effects.run_geometry import RunGeometry, field_column
 
 
-def law(scene: RunGeometry, values: Values) -> BasisField | None:
+def basis_field(scene: RunGeometry, values: Values) -> BasisField | None:
     """U = a x y, v = a y^2, a proportional to the load."""
     del values
     if not scene.load.any():
@@ -18,8 +18,8 @@ def law(scene: RunGeometry, values: Values) -> BasisField | None:
 
 FAMILY = EffectClass(
     "tilt_with_load",
-    "the specimen tilts as the load grows: (u, v) = a F (x y, y^2)",
-    law,
+    "the specimen tilts with the load: (u, v) = a F (x y, y^2)",
+    basis_field,
     group="G11",
-    discriminating_experiment="unload to zero and look again; working distance in focus at nine points",
+    discriminating_experiment="unload to zero and repeat; working distance in focus at nine points",
 )

@@ -1,4 +1,4 @@
-"""What a nameable effect of rows is: too fast for disparity maps, whose subsets average it away."""
+"""Effect classes of the rows: effects too fast for disparity maps, whose subsets average over rows."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class RowEffectClass:
-    """An effect that shifts the picture from row to row, or within rows.
+    """An effect that shifts the image from row to row, or within rows.
 
     Attributes:
-        name: canonical.
+        name: canonical name.
         description: what happens, one sentence.
-        discriminating_experiment: the experiment that tells it from its like, one sentence.
-        matches_frequency: whether a wave of so many Hz is called so; None where there is no wave and every row is shifted anew.
-        group: of effects that it is confounded with, G1 ... G12, or None.
-        sizes_px: the least and the largest size that is expected.
+        discriminating_experiment: the experiment that separates it from confounded effects, one sentence.
+        matches_frequency: whether a wave of a frequency, Hz, belongs to the class; None for independent shifts of every row.
+        group: group of confounded effects, G1 ... G12, or None.
+        sizes_px: smallest and largest expected size, px.
     """
 
     name: str

@@ -1,15 +1,15 @@
-"""Stray field of the mains deflects the beam: u += A sin(2 pi f T + phase), 17 nm for 0.1 uT at 30 kV and 14 mm."""
+"""Deflection of the beam by the stray field of the mains: u += A sin(2 pi f T + phase), 17 nm for 0.1 uT at 30 kV and 14 mm."""
 
 from semlive.model.effects.rows.family import RowEffectClass
 
 MAINS_HZ = (50.0, 60.0)
 OVERTONES = 4
 FREQUENCY_TOLERANCE = 0.004
-"""Share by which a grid's frequency, and a clock that says how long a row takes, are off."""
+"""Relative tolerance for the errors of the mains frequency and of the row time."""
 
 
 def owns(frequency_hz: float) -> bool:
-    """A multiple of 50 or 60 Hz."""
+    """Whether the frequency is a multiple of 50 or 60 Hz."""
     return any(abs(frequency_hz / (order * mains) - 1.0) < FREQUENCY_TOLERANCE for mains in MAINS_HZ for order in range(1, OVERTONES + 1))
 
 

@@ -1,0 +1,1 @@
+"""Values of a diagnosis: effects, channels, verdict and the comparison of two runs."""

@@ -1,0 +1,181 @@
+"""The verdict of a diagnosis: outcome, identified effects, proposed experiments and the data of its figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
+from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ExperimentForecast:
+    """Expected log-odds of one proposed experiment.
+
+    Attributes:
+        kind: parked (stationary series), again (repeat), longer_hold, dummy_steps (zero-load steps), unload, reversed or other_scan.
+        dwell: dwell and row times, as a multiple of those of the diagnosed run.
+        minutes: beam time, minutes.
+        log_odds: expected log-odds for the true one of the two effects that are hardest to separate.
+        true: name of the effect that is assumed true.
+        other: name of the rival effect, or ``nothing``.
+    """
+
+    kind: str
+    dwell: float
+    minutes: float
+    log_odds: float
+    true: str
+    other: str
+
+    @property
+    def summary(self) -> str:
+        """Description of the experiment for reports."""
+        return self.kind.replace("_", " ") + ("" if self.dwell == 1.0 else f", {self.dwell:g} times the dwell")
+
+    @property
+    def log_odds_per_minute(self) -> float:
+        """Expected log-odds per minute of beam time."""
+        return self.log_odds / self.minutes
+
+
+@dataclass(frozen=True, slots=True)
+class ExperimentProposal:
+    """An experiment that separates the remaining candidates.
+
+    Attributes:
+        between: names of the candidates.
+        about: what to do, one sentence.
+        forecasts: forecasts for experiments with the equipment of the run, in descending order of log-odds per minute.
+    """
+
+    between: tuple[str, ...]
+    about: str
+    forecasts: tuple[ExperimentForecast, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EffectProfile:
+    """Amplitude of an effect's basis field in each frame, as measured and by the model.
+
+    Attributes:
+        name: name of the effect.
+        abscissa: quantity of the abscissa: ``time`` or ``load``.
+        at: (f,) abscissa: seconds after the start of frame 0, or N.
+        data_px: (f,) measured amplitude, all other effects subtracted.
+        sigma_px: (f,) standard uncertainty.
+        model_px: (f,) amplitude by the fitted effect.
+    """
+
+    name: str
+    abscissa: str
+    at: Values
+    data_px: Values
+    sigma_px: Values
+    model_px: Values
+
+
+@dataclass(frozen=True, slots=True)
+class StrainBias:
+    """Bias of the mean strain under load by an effect.
+
+    Attributes:
+        name: name of the effect.
+        exx, eyy, exy: bias of the strain components at the highest load.
+        modulus_change: relative change of Young's modulus by a correction, or None without loads.
+        poissons_ratio_change: change of Poisson's ratio by a correction, or None.
+    """
+
+    name: str
+    exx: float
+    eyy: float
+    exy: float
+    modulus_change: float | None
+    poissons_ratio_change: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiagnosisFigureData:
+    """Data for the figures of a verdict.
+
+    Attributes:
+        x_px: (b,) columns of the block centres.
+        y_px: (b,) rows of the block centres.
+        frame: (k,) numbers of held-out frames; only the motion of the specimen was fitted in them.
+        before: (k, b, 2) residual of the baseline model, in standard deviations of the noise.
+        after: (k, b, 2) residual with the effects, their amplitudes fitted to the other pairs.
+        profiles: profile of each effect.
+        on_strain: strain bias of each effect.
+        quantiles: (n, 2) quantiles of a normal distribution and of the whitened residual.
+        frame_autocorrelation: correlation of the residuals of successive frames, and its standard deviation.
+    """
+
+    x_px: Values
+    y_px: Values
+    frame: tuple[int, ...]
+    before: Values
+    after: Values
+    profiles: tuple[EffectProfile, ...]
+    on_strain: tuple[StrainBias, ...]
+    quantiles: Values
+    frame_autocorrelation: tuple[float, float]
+
+
+UNDERRESOLVED = {
+    "baseline_drift_underresolved": "the drift varies faster than its knots; its residual was added to the baseline before the search",
+    "baseline_distortion_underresolved": "the distortion is finer than its knots; its residual was added to the baseline before the search",
+}
+"""Messages about splines of the baseline that are too coarse, by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The verdict of a diagnosis.
+
+    Attributes:
+        outcome: outcome over all channels.
+        effects: identified effects in the order of selection; for UNKNOWN the most likely effect.
+        ambiguous: names of all candidates that explain the data equally well; empty unless AMBIGUOUS.
+        group: group of confounded effects, G1 ... G12, or None.
+        experiment: proposed experiment, or None.
+        gap: misfit on held-out pairs; None if no effect was identified.
+        where: residual tests of all domains, before any effect.
+        noise_px: standard deviation of the mean of a block in one frame.
+        evidence: names and logarithms of the Bayes factors of all candidates, before any effect, including unnamed fields.
+        model_effects: effects that the model contained before the diagnosis.
+        duration_s: time of the last scanned point, seconds after the start of frame 0.
+        size_px: width and height of the frames.
+        rows: verdict of the row channel; `effects` and `where` include its effects and tests.
+        rows_unavailable: reason for a missing row channel; empty if there is one.
+        figure_data: data for figures; None if no effect was identified in the maps.
+        grey: verdict of the intensity channel; `effects` and `where` include its effects and test.
+        intensity_unavailable: reason for a missing intensity channel; empty if there is one.
+        overlap: names of the other candidates, with the fraction of the first map effect that each explains; empty if none was identified.
+        coarse: splines of the baseline that are too coarse for the run, ``baseline_drift_underresolved`` or
+            ``baseline_distortion_underresolved``; their residual was added to the baseline before the search.
+    """
+
+    outcome: Outcome
+    effects: tuple[IdentifiedEffect, ...]
+    ambiguous: tuple[str, ...]
+    group: str | None
+    experiment: ExperimentProposal | None
+    gap: HeldOutMisfit | None
+    where: tuple[DomainTest, ...]
+    noise_px: float
+    evidence: tuple[tuple[str, float], ...] = ()
+    model_effects: tuple[ModelEffect, ...] = ()
+    duration_s: float = 0.0
+    size_px: tuple[int, int] = (0, 0)
+    rows: RowDiagnosis | None = None
+    rows_unavailable: str = ""
+    figure_data: DiagnosisFigureData | None = field(default=None, compare=False)
+    overlap: tuple[tuple[str, float], ...] = ()
+    grey: IntensityDiagnosis | None = None
+    intensity_unavailable: str = ""
+    coarse: tuple[str, ...] = ()

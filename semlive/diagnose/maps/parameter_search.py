@@ -1,0 +1,176 @@
+"""Search for the most likely nonlinear parameters of an effect class, and their uncertainty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.bayes_factor import ProjectedField, information
+from semlive.model.effects import EffectClass, NonlinearParameter
+from semlive.model.effects.effect_class import Values
+
+Array = NDArray[np.float64]
+
+
+MAX_PASSES, MAX_EVALUATIONS = 2, 12
+TOLERANCE_STEPS = 1e-3  # tolerance of the search, in steps of the grid
+
+
+UNOBSERVABLE_PENALTY = 1e12
+
+
+CURVATURE_STEP, MAX_SPREAD_STEPS = 0.1, 0.5  # steps of the grid: distance for the curvature, and largest step along the posterior
+
+
+MAX_POSTERIOR_STEPS, POSTERIOR_LOG_DEPTH = 13, 4.5  # range of the integration: number of steps, and three standard deviations
+
+
+class CandidateObjective(Protocol):
+    """Objective of the basis fields of a class for a fixed prior amplitude size."""
+
+    @property
+    def family(self) -> EffectClass:
+        """The effect class."""
+        ...
+
+    @property
+    def size_px(self) -> float:
+        """Prior standard deviation of the amplitudes, px."""
+        ...
+
+    def grid(self) -> Iterable[Values]:
+        """Parameter values of the grid."""
+        ...
+
+    def evaluate(self, values: Values) -> ProjectedField | None:
+        """Basis field at parameter values, projected on the data; None if it is not observable."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearParameterSums:
+    """Precomputed sums for basis fields that are linear in their parameters.
+
+    A distortion drift has four such parameters and took two thirds of the time of all refinements.
+
+    Attributes:
+        thetas: names of the parameters.
+        information: (points, (1 + t) q, (1 + t) q) information: at zero parameters, then the change per unit of each parameter.
+        gradient: (points, (1 + t) q) gradient.
+    """
+
+    thetas: tuple[str, ...]
+    information: Array
+    gradient: Array
+
+    @classmethod
+    def of(cls, baseline: HyperparameterGrid, family: EffectClass) -> LinearParameterSums | None:
+        """Sums for all points of a baseline; None for effect classes that are not linear in their parameters."""
+        if not family.linear_in_parameters:
+            return None
+        scene, names = (
+            baseline.design.observation.geometry,
+            tuple(nonlinear_parameter.name for nonlinear_parameter in family.nonlinear_parameters),
+        )
+        at_zero, *each = (family.basis_field(scene, values) for values in ({}, *({name: 1.0} for name in names)))
+        assert at_zero is not None  # it was observable on the grid
+        more = [displaced.field_px - at_zero.field_px for displaced in each if displaced is not None]
+        return cls(names, *information(baseline, np.concatenate((at_zero.field_px, *more), axis=-1)))
+
+    def at_point(self, place: int) -> LinearParameterSums:
+        """Sums for one point."""
+        return replace(self, information=self.information[place : place + 1], gradient=self.gradient[place : place + 1])
+
+    def at(self, values: Values) -> ProjectedField:
+        """Basis field at parameter values, projected on the data."""
+        shares = np.array([[1.0, *(values[name] for name in self.thetas)]])
+        mix = np.kron(shares.T, np.eye(self.gradient.shape[1] // shares.size))
+        return ProjectedField.of(mix.T @ self.information @ mix, self.gradient @ mix)
+
+
+def _score(objective: CandidateObjective, projected_field: ProjectedField) -> float:
+    return float(projected_field.log_factor(np.array([objective.size_px]))[0, 0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Line:
+    """One parameter varied about a value, in steps of the grid, to half a step beyond the grid."""
+
+    objective: CandidateObjective
+    values: dict[str, float]
+    theta: NonlinearParameter
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, objective: CandidateObjective, values: dict[str, float], theta: NonlinearParameter) -> _Line:
+        grid_values = [value[theta.name] for value in objective.grid() if theta.name in value]
+        if not grid_values:
+            return cls(objective, values, theta, -np.inf, np.inf)
+        start = values[theta.name]
+        limits = [
+            math.log(value / start, theta.step) if theta.ratio else (value - start) / theta.step
+            for value in (min(grid_values), max(grid_values))
+        ]
+        return cls(objective, values, theta, min(limits[0] - 0.5, 0.0), max(limits[1] + 0.5, 0.0))
+
+    def at(self, steps: float) -> float:
+        start = self.values[self.theta.name]
+        return start * self.theta.step**steps if self.theta.ratio else start + self.theta.step * steps
+
+    def project(self, steps: float) -> ProjectedField | None:
+        return self.objective.evaluate({**self.values, self.theta.name: self.at(steps)})
+
+    def score(self, steps: float) -> float:
+        projected_field = self.project(steps)
+        return -UNOBSERVABLE_PENALTY if projected_field is None else _score(self.objective, projected_field)
+
+
+def optimise_parameters(objective: CandidateObjective, start: Values) -> dict[str, float]:
+    """Most likely parameter values between the neighbouring grid values."""
+    values = dict(start)
+    for _ in range(MAX_PASSES):
+        for theta in objective.family.nonlinear_parameters:
+            line = _Line.of(objective, values, theta)
+            minimum: Any = minimize_scalar(
+                lambda steps, line=line: -line.score(float(steps)),
+                bounds=(max(line.low, -1.0), min(line.high, 1.0)),
+                method="bounded",
+                options={"xatol": TOLERANCE_STEPS, "maxiter": MAX_EVALUATIONS},
+            )
+            values[theta.name] = line.at(float(minimum.x))
+    return values
+
+
+def parameter_uncertainty(objective: CandidateObjective, values: dict[str, float], mean: Array) -> tuple[tuple[float, ...], Array]:
+    """Standard uncertainties of the nonlinear parameters, and the resulting (q, q) covariance of the amplitudes."""
+    spreads = [_posterior_spread(_Line.of(objective, values, theta), mean) for theta in objective.family.nonlinear_parameters]
+    return tuple(sigma for sigma, _ in spreads), np.sum([covariance for _, covariance in spreads] or [np.zeros((len(mean),) * 2)], axis=0)
+
+
+def _posterior_spread(line: _Line, mean: Array) -> tuple[float, Array]:
+    """Standard uncertainty of a parameter, and the resulting (q, q) covariance of the amplitudes, integrated over its posterior.
+
+    A change of a tenth in the log onset time changes creep by a tenth. With the onset treated as exact, amplitudes of creep deviated by 2.2
+    to 5.5 standard uncertainties in 12 of 12 runs. The posterior is wider than the curvature at its peak indicates.
+    """
+    top = line.score(0.0)
+    curvature = 2.0 * top - line.score(-CURVATURE_STEP) - line.score(CURVATURE_STEP)
+    distance = min(0.5 * CURVATURE_STEP / math.sqrt(curvature), MAX_SPREAD_STEPS) if curvature > 0.0 else MAX_SPREAD_STEPS
+    total, square, outer = 1.0, 0.0, np.zeros((len(mean),) * 2)
+    for steps in (distance, -distance):
+        for place in range(1, MAX_POSTERIOR_STEPS):
+            projected_field = line.project(steps * place) if line.low <= steps * place <= line.high else None
+            if projected_field is None or (score := _score(line.objective, projected_field) - top) < -POSTERIOR_LOG_DEPTH:
+                break
+            weight, change = math.exp(score), projected_field.amplitudes(0, line.objective.size_px)[0] - mean
+            total, square = total + weight, square + weight * (line.at(steps * place) - line.at(0.0)) ** 2
+            outer += weight * np.outer(change, change)
+    return math.sqrt(square / total), outer / total
