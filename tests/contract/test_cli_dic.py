@@ -10,7 +10,7 @@ import tifffile
 import typer
 from typer.testing import CliRunner
 
-from semlive.cli.dic import dic
+from semlive.cli.without_run.dic import dic
 from semlive.dic import banded
 from semlive.errors import BadInput
 
@@ -189,8 +189,8 @@ def test_a_wrong_file_is_told_before_anything_is_written(folder):
         (["ref.tif", "a.tif", "--subset", "20"], "subset_px must be odd"),
         (["ref.tif", "a.tif", "--step", "0"], "step_px must be at least 1"),
         (["ref.tif", "a.tif", "--mask", "small.tif"], "small.tif: is 120 x 80 px but"),
-        (["ref.tif", "a.tif", "--shape", "cubic"], "--shape cubic: is not known; take affine or quadratic"),
-        (["ref.tif", "a.tif", "--search", "0"], "--search 0: is no distance"),
+        (["ref.tif", "a.tif", "--shape", "cubic"], "--shape cubic: no such choice; give affine or quadratic"),
+        (["ref.tif", "a.tif", "--search", "0"], "--search 0: must be more than 0"),
         (["ref.tif", "a.tif", "--roi", "1,2,3"], "--roi 1,2,3: is not four whole numbers"),
         (["ref.tif", "a.tif", "--subset", "101"], "no subset of 101 px fits into the whole frame"),
         (["ref.tif", "a.tif", "--out", "."], "is a folder"),
