@@ -1,4 +1,4 @@
-"""Settings of the numerics, as plain values (the configuration file is checked elsewhere and turned into these)."""
+"""Settings of the analysis as plain values, made from the checked configuration file."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from semlive.data.diagnosis import EMPTY_MODEL, EffectModel
 
 @dataclass(frozen=True, slots=True)
 class DicSettings:
-    """How pairs are correlated.
+    """Settings of the correlation.
 
     Attributes:
         subset_px: edge of the square subset, odd.
         step_px: distance of neighbouring POI.
         roi_px: first and last possible subset centres (x0, y0, x1, y1), inclusive; None covers the frame.
-        max_iterations: IC-GN iterations before a POI is given up.
+        max_iterations: maximum number of IC-GN iterations of a POI.
         tolerance_px: IC-GN stops when the next update is expected to move no subset corner by more than this.
-        min_zncc: a POI below this is not believed.
-        interpolation: of the current image: ``cubic`` or ``quintic`` B-spline (a third of the bias, twice the time).
-        shape_function: of a subset: ``affine`` or ``quadratic`` (follows strain gradients, at twice the noise).
-        min_valid_fraction: a subset with a smaller part outside masked areas is not measured.
-        search_px: no point moved further than this along x or y; None if that is not known. First guesses are then looked for no
-            further, and a pattern that repeats itself at more than twice the distance is not ambiguous.
+        min_zncc: smallest ZNCC of a valid POI.
+        interpolation: B-spline of the current image: ``cubic`` or ``quintic`` (a third of the bias, twice the time).
+        shape_function: shape function of a subset: ``affine`` or ``quadratic`` (represents strain gradients, twice the noise).
+        min_valid_fraction: smallest unmasked fraction of a subset that is measured.
+        search_px: largest possible motion of a point along x or y; None if unknown. It limits the search for initial guesses, and a
+            pattern with a period of more than twice this distance is not ambiguous.
     """
 
     subset_px: int = 43
@@ -53,18 +53,18 @@ class DicSettings:
 
 
 MEASURES = {"engineering": "engineering small strain", "green_lagrange": "Green-Lagrange strain"}
-"""What the measures of strain are called in words."""
+"""Names of the strain measures in texts."""
 
 
 @dataclass(frozen=True, slots=True)
 class StrainSettings:
-    """How the virtual strain gauge fits displacement.
+    """Settings of the virtual strain gauge.
 
     Attributes:
-        order: of the local polynomial, 1 or 2.
-        weights: over the window: ``uniform``, or ``gaussian`` (smoother, at the same noise a longer window).
-        measure: ``engineering`` small strain, or ``green_lagrange``.
-        butterworth_points: wavelength in POI at which displacement is cut before the fit, as in the published procedure; None: not.
+        order: order of the local polynomial, 1 or 2.
+        weights: weights within the window: ``uniform``, or ``gaussian`` (smoother; needs a longer window for the same noise).
+        measure: strain measure: ``engineering`` small strain, or ``green_lagrange``.
+        butterworth_points: cut-off wavelength, in POI, of the low-pass filter before the fit, as published; None: no filter.
     """
 
     order: int = 1
@@ -85,19 +85,19 @@ class StrainSettings:
 
 @dataclass(frozen=True, slots=True)
 class EstimateSettings:
-    """How drift and distortion are estimated.
+    """Settings of the estimate of drift and distortion.
 
     Attributes:
-        drift_knots_per_frame: knots of the drift spline in each frame time.
+        drift_knots_per_frame: number of knots of the drift spline per frame time.
         distortion_knot_px: knot distance of the distortion spline.
         window_points: edge of the virtual strain gauge in POI.
-        method: ``joint``, or ``sutton2007`` for the published procedure.
+        method: method of estimation: ``joint``, or ``sutton2007`` for the published procedure.
         sutton_smoothing_px: standard deviation of the Gaussian that smooths local drift over positions in ``sutton2007``; the paper
-            does not mention one, but its figures are not reached without.
-        strain: how the gauge fits.
-        sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and of measurement apart (footnote 5).
-        accept_poor_calibration: load the specimen, and correct what was measured under load, although the translations went in one
-            direction only or were too small.
+            mentions none, but its figures are not reached without it.
+        strain: settings of the virtual strain gauge.
+        sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and measurement separately (footnote 5).
+        accept_poor_calibration: load the specimen and correct the maps under load although the translations have one direction only or
+            are too small.
     """
 
     drift_knots_per_frame: float = 3.0
@@ -118,14 +118,14 @@ class EstimateSettings:
 
 @dataclass(frozen=True, slots=True)
 class SpecimenSettings:
-    """What is known of the specimen.
+    """Properties of the specimen.
 
     Attributes:
         name: free text.
-        area_mm2: cross-section, or None if unknown (no elastic constants then).
-        loading_axis: ``x`` or ``y``, the image axis that is pulled.
-        gage_factor_sigma: relative standard uncertainty of a strain gage's factor; data sheets give 0.5 to 1 %.
-        yield_strength_mpa: stress that no load of the plan shall exceed; None does not check it.
+        area_mm2: cross-section; None if unknown, without elastic constants.
+        loading_axis: image axis of the load, ``x`` or ``y``.
+        gage_factor_sigma: relative standard uncertainty of the gage factor of a strain gage; data sheets give 0.5 to 1 %.
+        yield_strength_mpa: maximum stress of the plan; None: not checked.
     """
 
     name: str = ""
@@ -147,15 +147,15 @@ class SpecimenSettings:
 
 @dataclass(frozen=True, slots=True)
 class ScanSpeed:
-    """Scan times that stand behind a microscope's name for a scan speed; one row of ``sem.scan_profiles``.
+    """Scan times for one scan speed of a microscope; one entry of ``sem.scan_profiles``.
 
     Attributes:
-        scan_speed: the name or number that the vendor's file gives.
-        instrument: how the name of the instrument in the file begins; empty fits any.
-        width_px: of the image it holds for; None for any width (the row time then has to be the same).
+        scan_speed: name or number of the scan speed in the files of the vendor.
+        instrument: beginning of the name of the instrument in the file; empty matches all.
+        width_px: image width to which the times apply; None: every width (with equal row times).
         dwell_time_s: time on one pixel in one pass.
-        row_time_s: from one row's start to the next, all passes and fly-backs included.
-        frame_time_s: of one whole scan.
+        row_time_s: time from the start of one row to the next, all passes and fly-backs included.
+        frame_time_s: duration of one scan.
     """
 
     scan_speed: str
@@ -166,27 +166,27 @@ class ScanSpeed:
     frame_time_s: float | None = None
 
     def fits(self, instrument: str, scan_speed: str, width_px: int) -> bool:
-        """Whether a file was scanned so."""
+        """Whether the entry applies to a file."""
         named = scan_speed != "" and self.scan_speed == scan_speed
         return named and instrument.startswith(self.instrument) and self.width_px in (None, width_px)
 
 
 @dataclass(frozen=True, slots=True)
 class ScanProfile:
-    """What the user says of files whose vendor does not.
+    """Values for files whose headers lack them.
 
     Attributes:
-        start_anchor: what a file's embedded time marks: ``start``, ``end`` or ``save`` (`save_delay_s` after the end).
-        start_sigma_s: standard uncertainty of the start time derived from it.
-        dwell_time_s: used when the file has none.
-        row_time_s: used when the file has none.
-        frame_time_s: used when the file has none.
-        pixel_size_m: used when the file has none.
-        databar_rows: used when the file does not tell; None means no databar.
-        clock_offset_s: clock of the microscope's computer minus UTC, its time zone included; taken off embedded times.
-        save_delay_s: from the end of a scan to the time in the file, for ``save``.
-        field_width_mm_at_1x: width of the field at magnification 1, as calibrated; gives the pixel size when the file has none.
-        speeds: scan times by scan speed, used before the values above.
+        start_anchor: meaning of the time in a file: ``start`` or ``end`` of the scan, or ``save`` (`save_delay_s` after the end).
+        start_sigma_s: standard uncertainty of the start time that is derived from it.
+        dwell_time_s: time on one pixel, for files without it.
+        row_time_s: time from the start of one row to the next, for files without it.
+        frame_time_s: duration of one scan, for files without it.
+        pixel_size_m: edge of a pixel, for files without it.
+        databar_rows: rows of the databar, for files without it; None: no databar.
+        clock_offset_s: clock of the computer of the microscope minus UTC, time zone included; it is subtracted from times in files.
+        save_delay_s: delay from the end of a scan to the time in the file, for ``save``.
+        field_width_mm_at_1x: calibrated width of the field at magnification 1; gives the pixel size of files without it.
+        speeds: scan times by scan speed; they take precedence over the values above.
     """
 
     start_anchor: str = "end"
@@ -210,7 +210,7 @@ class ScanProfile:
 
 @dataclass(frozen=True, slots=True)
 class AnalysisSettings:
-    """All that the pipeline needs to know."""
+    """Settings of the pipeline."""
 
     dic: DicSettings = DicSettings()
     estimate: EstimateSettings = EstimateSettings()

@@ -32,7 +32,7 @@ def inspect(
     ] = None,
 ) -> None:
     """Show the scan parameters of exported images, the source of each value, and what is missing."""
-    profile = ScanProfile() if config is None else load_config(config).sem.whole_profile
+    profile = ScanProfile() if config is None else load_config(config).sem.scan_profile
     inspections = [(path, _inspected(path, profile)) for path in files]
     if as_json_object:
         typer.echo(json.dumps({"files": [as_json(inspection, str(path)) for path, inspection in inspections]}))

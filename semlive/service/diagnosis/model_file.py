@@ -59,7 +59,7 @@ class Model:
     @property
     def known(self) -> EffectModel:
         """What the pipeline needs to know of it."""
-        return EMPTY_MODEL if self.section is None else self.section.known()
+        return EMPTY_MODEL if self.section is None else self.section.effect_model()
 
 
 def read_model(path: Path) -> Model:
