@@ -35,7 +35,7 @@ from bench_peers import interpreter
 
 from semlive import dic
 from semlive.dic.correlate import solve
-from semlive.dic.initial_guess import match
+from semlive.dic.initial_guess.search import match
 from semlive.kernels import interface
 
 SUBSETS = (9, 13, 17, 21, 25, 33, 41, 49)

@@ -35,7 +35,8 @@ from semlive import dic
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.correlate import ORDER, solve
-from semlive.dic.initial_guess import match, smooth_field
+from semlive.dic.initial_guess.fields import smooth_field
+from semlive.dic.initial_guess.search import match
 from semlive.kernels import interface, threads
 from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR
 

@@ -8,7 +8,7 @@ from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.dic.correlate import solve
-from semlive.dic.initial_guess import match
+from semlive.dic.initial_guess.search import match
 from semlive.dic.uncertainty import interpolation_noise_gain
 from semlive.kernels import interface
 from semlive.kernels.icgn import SEEDED

@@ -1,7 +1,7 @@
-"""Where a pattern repeats itself, so that no correlation can tell by which period it moved.
+"""Periodic patterns, in which the correlation cannot distinguish motions that differ by a period.
 
-The autocorrelation of the whole frame says cheaply (one transform) at which lags anything repeats; only at these are subsets
-compared with their surroundings one by one. For ordinary speckle there are none: 20,000 blobs leave 0.03 at most.
+The autocorrelation of the frame (one transform) shows the lags at which any part repeats. Only at these lags each subset is compared
+with its surroundings. Ordinary speckle has no such lags: 20,000 blobs have an autocorrelation of at most 0.03.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from semlive.data.grid import Grid
-from semlive.dic.fft_windows import low_pass
+from semlive.dic.initial_guess.fft_windows import low_pass
 
-SEARCH_PX = 64.0  # motion that is looked for if nothing is known of it; two positions within it are twice as far apart at most
-MIN_PEAK = 0.05  # of the frame's autocorrelation: a repeating twentieth of the frame
-PEAK_SIGMAS = 5.0  # standard deviations of the autocorrelation of so many independent blobs
-WINDOWED = 0.26  # part of the frame's area that a Hann window both ways leaves to it
-MAX_LAGS = 24  # strongest first; a lattice has each period many times
-MIN_LAG = 3  # binned pixels; nearer is the speckle itself
-MIN_EDGE = 16  # binned pixels of the autocorrelation to look at; a blob is narrower
-MIN_SELF_ZNCC = 0.6  # ZNCC of a subset with its like; noise of 20 grey leaves 0.9, a position between pixels 0.8 of a true repeat
-HIGH_PASS = 0.02  # cycles per binned pixel; shading repeats itself everywhere
-AROUND_Y, AROUND_X = (k.ravel() - 1 for k in np.indices((3, 3)))  # a place and its eight neighbours
+SEARCH_PX = 64.0  # assumed largest motion if it is unknown; two positions within it are at most twice as far apart
+MIN_PEAK = 0.05  # autocorrelation of a frame of which a twentieth repeats
+PEAK_SIGMAS = 5.0  # standard deviations of the autocorrelation of independent blobs
+WINDOWED = 0.26  # effective fraction of the area of a frame with a Hann window along both axes
+MAX_LAGS = 24  # strongest lags; a lattice has multiples of each period
+MIN_LAG = 3  # binned pixels; shorter lags lie within one speckle
+MIN_EDGE = 16  # binned pixels; smallest evaluated lag range, wider than a blob
+MIN_SELF_ZNCC = 0.6  # ZNCC of a repeated subset; noise of 20 grey levels reduces it to 0.9, a sub-pixel position to 0.8
+HIGH_PASS = 0.02  # cycles per binned pixel; removes shading, which correlates everywhere
+AROUND_Y, AROUND_X = (k.ravel() - 1 for k in np.indices((3, 3)))  # a position and its eight neighbours
 
 
 def periodic_lags(spectrum: NDArray[np.complex64], shape: tuple[int, int], reach: int) -> list[tuple[int, int]]:
-    """Lags (x, y) in binned pixels at which the frame resembles itself, strongest first, one of each opposite pair.
+    """Lags (x, y) in binned pixels at which the frame repeats, strongest first, one of each opposite pair.
 
     Args:
         spectrum: half spectrum of the windowed frame.
-        shape: of the padded frame it was made from.
+        shape: shape of the padded frame of the spectrum.
         reach: longest lag of interest.
     """
     height, width = shape
@@ -40,7 +40,7 @@ def periodic_lags(spectrum: NDArray[np.complex64], shape: tuple[int, int], reach
     surface = np.asarray(fft.irfft2(power, s=shape))
     if not surface[0, 0] > 0.0:
         return []
-    edge = min(max(reach, MIN_EDGE) + 1, height // 2 - 1, width // 2 - 1)  # one more: the flank of a peak beyond is no peak
+    edge = min(max(reach, MIN_EDGE) + 1, height // 2 - 1, width // 2 - 1)  # one more, to reject the flank of a peak beyond
     near = np.concatenate([surface[: edge + 1, width - edge :], surface[: edge + 1, : edge + 1]], axis=1) / surface[0, 0]
     blob = 2.27 * _half_width(near[0, edge:]) * _half_width(near[:, edge])  # sum of squares of a Gaussian main lobe
     chance = np.sqrt(blob / (WINDOWED * height * width))
@@ -60,7 +60,7 @@ def periodic_lags(spectrum: NDArray[np.complex64], shape: tuple[int, int], reach
 
 
 def _half_width(line: NDArray[np.float32]) -> float:
-    """Where an autocorrelation falls to one half."""
+    """Lag at which an autocorrelation falls to one half."""
     low = np.flatnonzero(line < 0.5)
     if not low.size:
         return float(line.size)
@@ -76,34 +76,34 @@ def ambiguous(
     binning: int,
     search_px: float | None = None,
 ) -> NDArray[np.bool_]:
-    """(ny, nx) True where the reference subset resembles another place within the search range.
+    """Return (ny, nx) True where the reference subset repeats within the search range.
 
     Args:
         image: (h, w) binned reference.
-        spectrum: its half spectrum.
-        padded: shape of the frame the spectrum was made from.
+        spectrum: half spectrum of the reference.
+        padded: shape of the padded frame of the spectrum.
         grid: points of the full frame.
         binning: pixels per binned pixel.
-        search_px: longest motion along x or y; None takes SEARCH_PX.
+        search_px: largest possible motion along x or y; None: SEARCH_PX.
     """
     height, width = image.shape
     reach = int(2 * (SEARCH_PX if search_px is None else search_px) / binning)
-    found = np.zeros(image.shape, dtype=bool)
+    repeating = np.zeros(image.shape, dtype=bool)
     window = max(5, grid.subset_px // binning) | 1
     for x, y in periodic_lags(spectrum, padded, reach):
         if abs(x) >= width or y >= height:
             continue
         here = np.s_[: height - y, max(-x, 0) : width - max(x, 0)]
         there = np.s_[y:, max(x, 0) : width - max(-x, 0)]
-        alike = _likeness(image[here], image[there], window) >= MIN_SELF_ZNCC
-        found[here] |= alike
-        found[there] |= alike
+        repeated = _window_zncc(image[here], image[there], window) >= MIN_SELF_ZNCC
+        repeating[here] |= repeated
+        repeating[there] |= repeated
     rows = np.clip(np.round(grid.y_px / binning).astype(np.intp), 0, height - 1)
     columns = np.clip(np.round(grid.x_px / binning).astype(np.intp), 0, width - 1)
-    return found[np.ix_(rows, columns)]
+    return repeating[np.ix_(rows, columns)]
 
 
-def _likeness(a: NDArray[np.float32], b: NDArray[np.float32], window: int) -> NDArray[np.float32]:
+def _window_zncc(a: NDArray[np.float32], b: NDArray[np.float32], window: int) -> NDArray[np.float32]:
     """ZNCC of windows of two images at every pixel."""
 
     def mean(values: NDArray[np.float32]) -> NDArray[np.float32]:
