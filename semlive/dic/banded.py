@@ -23,7 +23,7 @@ from semlive.dic.initial_guess.search import InitialGuessReference, match, prepa
 from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import FrameStatistics, central_region, frame_statistics, prepare_part, usable_mask
 from semlive.errors import BadInput
-from semlive.kernels import interface
+from semlive.kernels import images, interface
 
 # Pixels of a band: 0.8 GB with gradients, coefficients and padded copies. Bands overlap by 347 px at a step of 8 px, 555 at 16: therefore
 # pixels of a frame of 16384 px are processed 1.5 and 2.1 times; with bands of 12e6 px, 1.9 and 4.2 times.
@@ -235,7 +235,7 @@ def _band(
         coarse = InitialGuessReference(1, empty, empty.astype(np.complex64), np.empty((0, 2), dtype=np.int64), ambiguous.copy())
         usable = pair.usable(slice(top, bottom))
         reference = prepare_part(f, usable, part_grid, settings, statistics, coarse)
-        interpolator = interface.interpolator(g, ORDER[settings.interpolation])
+        interpolator = images.interpolator(g, ORDER[settings.interpolation])
         solutions = solve(reference, interpolator, matches - np.array([0, top, 0, 0]), settings, seeds, lambda: second)
         if not _reaches_side(solutions, part_grid, top > 0, bottom < height, bottom - top):
             break

@@ -20,7 +20,7 @@ from semlive.dic.reference import Reference, prepare
 from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distance
 from semlive.dic.uncertainty import noise_variance
 from semlive.errors import BadInput
-from semlive.kernels import interface
+from semlive.kernels import images, interface
 from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
 from semlive.kernels.local_planes import fit_local_planes
 from semlive.kernels.spline import CUBIC, QUINTIC
@@ -62,14 +62,14 @@ def correlate(
             f"frame {current_frame} is {w1} x {h1} px but its reference, frame {reference_frame}, is {w0} x {h0} px: "
             "export all frames with the same size and databar"
         )
-    current = interface.to_float32_grey(image)
+    current = images.to_float32_grey(image)
 
     def guessed() -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         matches = match(reference.coarse, current)
         return matches, smooth_field(matches, reference.grid) if len(matches) else None
 
     (matches, guess), interpolator = run_pair_in_parallel(
-        guessed, lambda: interface.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= interface.PIXEL_CHUNK
+        guessed, lambda: images.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= interface.PIXEL_CHUNK
     )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
     measurements = point_measurements(reference, solutions, settings)
@@ -210,6 +210,6 @@ def warm_up(settings: DicSettings) -> None:
     reference = prepare(image, grid_for(small, 96, 96), small)
     current = np.roll(image, 1, axis=1)
     correlate(reference, current, small, reference_frame=0, current_frame=1)
-    interface.to_float32_grey(image.astype(np.uint16))
+    images.to_float32_grey(image.astype(np.uint16))
     no_points = np.zeros((1, 1), dtype=np.bool_)
     fit_local_planes(np.zeros((1, 1)), np.zeros((1, 1)), no_points, no_points, 1)  # not needed by a pair without outliers

@@ -15,7 +15,7 @@ from semlive.dic.grid import grid_for
 from semlive.dic.reference import prepare
 from semlive.dic.row_registration import gradient_scales, smoothed_gradients
 from semlive.errors import BadInput
-from semlive.kernels import interface
+from semlive.kernels import images
 
 # Fourth difference along both axes: of speckle of 3.3 px it passes 0.6 grey levels, the usual second difference 5.
 FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
@@ -64,7 +64,7 @@ def quality(
     mask = None if mask is None or mask.all() else mask
     if mask is not None and not mask.any():
         raise BadInput("the mask excludes every pixel of the frame: it must be True where the frame may be used")
-    grey = interface.to_float32_grey(image, mask)
+    grey = images.to_float32_grey(image, mask)
     used = 1.0 if mask is None else float(mask.mean())
     pixels = image if mask is None else image[mask]
     noise, local = _noise(grey, grid, mask)

@@ -13,7 +13,7 @@ from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.initial_guess.search import InitialGuessReference, prepare_coarse
 from semlive.errors import BadInput
-from semlive.kernels import interface
+from semlive.kernels import images, interface
 from semlive.kernels.threads import run_pair_in_parallel
 from semlive.kernels.warp import AFFINE, QUADRATIC
 
@@ -60,7 +60,7 @@ def noise_of(image: NDArray[np.float32]) -> float:
     Of speckle with a contrast of 40 grey levels the stencil passes 0.3 grey levels at a size of 6.7 px and 5 at 3.3 px. Constant areas
     (saturated, masked) are left out; the median is robust against scratches. Rows with STATISTICS_PIXELS are sufficient.
     """
-    return interface.median_stencil(image, _line_step(image)) / (6.0 * 0.6745)
+    return images.median_stencil(image, _line_step(image)) / (6.0 * 0.6745)
 
 
 def _line_step(image: NDArray[np.float32]) -> int:
@@ -84,7 +84,7 @@ def gradient_gain(
         usable: 1 where a pixel may be used, else 0; None for all.
         used: part of the image that is not masked; the Sobel derivative is zero elsewhere.
     """
-    overlap, energy = interface.gradient_products(image, _line_step(image), axis, usable)
+    overlap, energy = images.gradient_products(image, _line_step(image), axis, usable)
     overlap -= used * SOBEL_SPLINE_COVARIANCE * noise_grey**2
     return min(max(overlap / energy, 0.1), 3.0) if energy > 0.0 else 1.0
 
@@ -111,7 +111,7 @@ def prepare(
     if grid.subset_px != settings.subset_px:
         raise BadInput(f"the grid was made for subsets of {grid.subset_px} px, the settings have {settings.subset_px}: make a new grid")
     usable = None if mask is None or mask.all() else usable_mask(mask)
-    f = interface.to_float32_grey(image, None if usable is None else mask)
+    f = images.to_float32_grey(image, None if usable is None else mask)
     used = 1.0 if usable is None else np.count_nonzero(usable) / usable.size
     part = central_region(f.shape)
     coarse, statistics = run_pair_in_parallel(

@@ -17,7 +17,7 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.row_shifts import RowJitter, RowShifts
 from semlive.dic.uncertainty import interpolation_noise_gain
 from semlive.errors import BadInput
-from semlive.kernels import interface
+from semlive.kernels import images
 from semlive.kernels import row_registration as kernel
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -84,11 +84,11 @@ def register_rows(
         BadInput: the sizes differ, fewer than three POI converged, or the segments would be too short.
         ValueError: the images have another form.
     """
-    f, g = interface.to_float32_grey(reference), interface.to_float32_grey(current)
+    f, g = images.to_float32_grey(reference), images.to_float32_grey(current)
     _check(f, g, disparity, segments, mask)
     height, width = f.shape
     gradients = smoothed_gradients(f)
-    coefficients = interface.coefficients(g)
+    coefficients = images.coefficients(g)
     usable = (reference > 0) & (reference < np.iinfo(reference.dtype).max)
     if mask is not None:
         usable &= mask
@@ -166,7 +166,7 @@ def gradient_scales(
 
 
 def _scale(lines: NDArray[np.float32], instrument: NDArray[np.float32], noise_part: float) -> float:
-    derivative = interface.spline_line_derivative(np.ascontiguousarray(lines))[:, 2:-2]
+    derivative = images.spline_line_derivative(np.ascontiguousarray(lines))[:, 2:-2]
     smooth = instrument[:, 3:-3]
     energy = float(np.mean(smooth**2))
     return max(float(np.mean(smooth * derivative)) - noise_part, 0.05 * energy) / energy if energy > 0.0 else 1.0

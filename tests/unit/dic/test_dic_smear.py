@@ -9,7 +9,7 @@ import pytest
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.dic.integration_blur import IntegrationBlur, blurred, correlate_with_matched_blur, missing_blur, blur_within_pair
+from semlive.dic.integration_blur import IntegrationBlur, blur_within_pair, blurred, correlate_with_matched_blur, missing_blur
 
 SCANS = 8
 FAST, SLOW = (0.52, 0.61), (0.05, 0.06)  # px from scan to scan
