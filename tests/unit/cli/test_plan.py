@@ -173,7 +173,7 @@ def test_a_picture_that_is_left_out_is_told(tmp_path: Path, roi_px: list[int] | 
     tifffile.imwrite(tmp_path / "flat.tif", flat, datetime=True)
     advice = "\n".join(told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))["advice"])
     assert ("dic.roi_px excludes" in advice) == (left_out is not None)
-    assert left_out is None or f"leaves out {left_out} %" in advice
+    assert left_out is None or f"excludes {left_out} %" in advice
 
 
 def test_a_plan_beyond_its_limits_is_refused_as_the_run_would(tmp_path: Path) -> None:
