@@ -338,7 +338,9 @@ def held_open(lab: Lab) -> Seen:
 R, E = Kind.REAL, Kind.EMULATED
 ROWS = (
     Row(26, "a file cut at 99.99 %", "refused once, with the reason; the run continues", R, truncated),
-    Row(27, "a file at full size, half zeros; another filled 1.3 s later", "the first refused, the second taken completely", R, preallocated),
+    Row(
+        27, "a file at full size, half zeros; another filled 1.3 s later", "the first refused, the second taken completely", R, preallocated
+    ),
     Row(28, "the text file of an image arrives late, or never", "taken with it, or refused", R, sidecar),
     Row(29, "a file is overwritten under its name", "reported; never taken twice", R, overwritten),
     Row(30, "numbers in names jump and start again", "reported; the run continues", R, counters),

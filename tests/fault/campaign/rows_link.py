@@ -407,7 +407,11 @@ ROWS = (
     ),
     Row(2, "cable out in a hold", "fault; the hold does not count", E, cable_out_in_hold),
     Row(
-        3, "cable out while stopping", "the device's watchdog stops it; aborted, with the message that the stop was not confirmed", E, cable_out_in_stop
+        3,
+        "cable out while stopping",
+        "the device's watchdog stops it; aborted, with the message that the stop was not confirmed",
+        E,
+        cable_out_in_stop,
     ),
     Row(4, "the device accepts connections and never answers", "the device's watchdog stops it; fault", E, hung, short=True),
     Row(5, "answers over RTU come after the time-out", "no reading is that of an earlier request; stop, fault", E, late_answers),
