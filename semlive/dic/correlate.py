@@ -106,11 +106,11 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
 
 
 def to_disparity_map(
-    found: PointMeasurements, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int
+    measurements: PointMeasurements, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int
 ) -> DisparityMap:
     """Disparity map of the accepted point measurements."""
-    verdict = rejection_status(found, grid, curved=settings.shape_function != "affine")
-    valid = found.valid & (verdict == PoiStatus.CONVERGED)
+    verdict = rejection_status(measurements, grid, curved=settings.shape_function != "affine")
+    valid = measurements.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.where(valid, values, 0.0)
@@ -119,14 +119,14 @@ def to_disparity_map(
         reference=reference_frame,
         current=current_frame,
         grid=grid,
-        u_px=where_valid(found.u_px),
-        v_px=where_valid(found.v_px),
-        sigma_u_px=where_valid(found.sigma_u_px),
-        sigma_v_px=where_valid(found.sigma_v_px),
-        zncc=where_valid(found.zncc),
-        status=np.where(verdict == PoiStatus.CONVERGED, found.status, verdict),
-        covariance_px2=where_valid(found.covariance_px2),
-        iterations=found.iterations,
+        u_px=where_valid(measurements.u_px),
+        v_px=where_valid(measurements.v_px),
+        sigma_u_px=where_valid(measurements.sigma_u_px),
+        sigma_v_px=where_valid(measurements.sigma_v_px),
+        zncc=where_valid(measurements.zncc),
+        status=np.where(verdict == PoiStatus.CONVERGED, measurements.status, verdict),
+        covariance_px2=where_valid(measurements.covariance_px2),
+        iterations=measurements.iterations,
     )
 
 

@@ -40,9 +40,9 @@ def diagnose(
     single_arena()
     parent = model_of(log) if model is None else compatible_model(log, model)
     with multi_stage_progress() as progress:
-        found = diagnose_log(log, seed, progress, parent.known.effects)
+        diagnosis = diagnose_log(log, seed, progress, parent.known.effects)
     if out is not None:
-        write_model(out, found, log, parent)
+        write_model(out, diagnosis, log, parent)
     if page is not None:
         made_from = [
             ("log", log.name),
@@ -50,33 +50,33 @@ def diagnose(
             ("seed", str(seed)),
             ("semlive", version("semlive")),
         ]
-        page.write_text(diagnosis_html(log.name, found, made_from), encoding="utf-8")
+        page.write_text(diagnosis_html(log.name, diagnosis, made_from), encoding="utf-8")
     if as_json:
-        typer.echo(json.dumps(diagnosis_json(found)))
+        typer.echo(json.dumps(diagnosis_json(diagnosis)))
         return
     console = Console()
-    console.print(f"{found.outcome.value}: {_OUTCOME_TEXTS[found.outcome]}")
-    for effect in found.effects:
+    console.print(f"{diagnosis.outcome.value}: {_OUTCOME_TEXTS[diagnosis.outcome]}")
+    for effect in diagnosis.effects:
         console.print(_effect_table(effect))
-    for name in found.coarse:
+    for name in diagnosis.coarse:
         console.print(f"{name}: {UNDERRESOLVED[name]}")
-    _print_gap(console, found)
-    console.print(_where_table(found))
-    if found.rows is None:
-        console.print(found.rows_unavailable)
+    _print_gap(console, diagnosis)
+    console.print(_where_table(diagnosis))
+    if diagnosis.rows is None:
+        console.print(diagnosis.rows_unavailable)
     else:
-        console.print(f"rows: {found.rows.pairs} pairs of {found.rows.rows}, noise of a pair {found.rows.noise_px:.4f} px")
-    console.print(_grey_line(found))
-    if found.experiment is not None:
-        console.print(f"to decide between {', '.join(found.experiment.between)}: {found.experiment.about}")
-        if found.experiment.foretold:
-            console.print(forecast_table(found.experiment.foretold))
+        console.print(f"rows: {diagnosis.rows.pairs} pairs of {diagnosis.rows.rows}, noise of a pair {diagnosis.rows.noise_px:.4f} px")
+    console.print(_grey_line(diagnosis))
+    if diagnosis.experiment is not None:
+        console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
+        if diagnosis.experiment.foretold:
+            console.print(forecast_table(diagnosis.experiment.foretold))
 
 
-def _grey_line(found: Diagnosis) -> str:
-    grey = found.grey
+def _grey_line(diagnosis: Diagnosis) -> str:
+    grey = diagnosis.grey
     if grey is None:
-        return found.intensity_unavailable
+        return diagnosis.intensity_unavailable
     dark, slope = grey.noise
     residual = f"; {grey.left}" if grey.left else ""
     return (
@@ -90,17 +90,17 @@ def _effect_table(effect: IdentifiedEffect) -> Table:
     table = Table(title=f"{effect.name}: at most {effect.peak_px:.3f} px, {evidence}")
     for heading in ("parameter", "value", "sigma", "unit"):
         table.add_column(heading)
-    for one in effect.parameters:
-        table.add_row(one.name, f"{one.value:.4g}", f"{one.sigma:.2g}", one.unit)
+    for parameter in effect.parameters:
+        table.add_row(parameter.name, f"{parameter.value:.4g}", f"{parameter.sigma:.2g}", parameter.unit)
     if effect.strain:
-        one = effect.modulus_bias
-        bias = "" if one is None else f"; it would change Young's modulus by {100 * one.value:+.2g} +- {100 * one.sigma:.2g} %"
+        modulus = effect.modulus_bias
+        bias = "" if modulus is None else f"; it would change Young's modulus by {100 * modulus.value:+.2g} +- {100 * modulus.sigma:.2g} %"
         table.caption = f"this effect is strain or has the same displacement field as strain: strain is not corrected for it{bias}"
     return table
 
 
-def _print_gap(console: Console, found: Diagnosis) -> None:
-    gap = found.gap
+def _print_gap(console: Console, diagnosis: Diagnosis) -> None:
+    gap = diagnosis.gap
     if gap is not None:
         low, high = gap.closure_interval
         console.print(
@@ -110,10 +110,10 @@ def _print_gap(console: Console, found: Diagnosis) -> None:
         )
 
 
-def _where_table(found: Diagnosis) -> Table:
+def _where_table(diagnosis: Diagnosis) -> Table:
     table = Table(title="where model and data disagree, before")
     for heading in ("domain", "p", "rms px"):
         table.add_column(heading)
-    for one in sorted(found.where, key=lambda item: item.p_value):
-        table.add_row(one.domain, f"{one.p_value:.3f}", f"{one.rms_px:.4f}")
+    for test in sorted(diagnosis.where, key=lambda item: item.p_value):
+        table.add_row(test.domain, f"{test.p_value:.3f}", f"{test.rms_px:.4f}")
     return table

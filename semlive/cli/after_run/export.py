@@ -30,5 +30,5 @@ def export(
     images = from_images or any(change.of_images for change in changes)
     source = Source.IMAGES if images else Source.DISPARITY
     with multi_stage_progress() as progress:
-        done = export_log(ReplayRequest(log, method.value if method else None, changes, source, until), kind, out, progress)
-    typer.echo(f"{out}: {len(done.result.summaries)} frames")
+        replayed = export_log(ReplayRequest(log, method.value if method else None, changes, source, until), kind, out, progress)
+    typer.echo(f"{out}: {len(replayed.result.summaries)} frames")

@@ -65,25 +65,26 @@ def check(
     if orders.get("loads_n") and orders.get("rate_n_s") is None:
         raise BadConfig("--load needs --rate: a command consists of load and rate; give the rate of the ramps, N/s")
     settings["orders"] = orders
-    found = _checker()(description, settings, open_clock(None))
+    result = _checker()(description, settings, open_clock(None))
     if as_json:
-        sys.stdout.write(json.dumps({**asdict(found), "sound": found.passed}) + "\n")
+        sys.stdout.write(json.dumps({**asdict(result), "sound": result.passed}) + "\n")
     else:
-        _show(found)
-    if not found.passed:
-        failed = [finding for finding in found.findings if finding.verdict is Verdict.FAILED]
+        _show(result)
+    if not result.passed:
+        failed = [finding for finding in result.findings if finding.verdict is Verdict.FAILED]
         raise SemliveError(
-            f"{found.device} at {found.where}: {len(failed)} of {len(found.findings)} checks failed; {failed[0].what}: {failed[0].advice}"
+            f"{result.device} at {result.where}: {len(failed)} of {len(result.findings)} checks failed; "
+            f"{failed[0].what}: {failed[0].advice}"
         )
 
 
 def _config_settings(config: Config, given: dict[str, object]) -> dict[str, object]:
     """Settings of the device in the configuration that no option gives, and the commands of the run."""
-    own = {} if config.load_frame is None else dict(config.load_frame.settings)
+    driver_settings = {} if config.load_frame is None else dict(config.load_frame.settings)
     orders: dict[str, object] = {"loads_n": list(config.protocol.loads_n), "rate_n_s": config.protocol.ramp_rate_n_s}
-    if "approach" in own:
-        orders["approach"] = own["approach"]
-    settings = {key: own[key] for key in ("registers", "units", "station") if key in own and key not in given}
+    if "approach" in driver_settings:
+        orders["approach"] = driver_settings["approach"]
+    settings = {key: driver_settings[key] for key in ("registers", "units", "station") if key in driver_settings and key not in given}
     return {**settings, "orders": orders}
 
 
@@ -98,11 +99,13 @@ def _checker() -> FrameChecker:
     return points[0].load()
 
 
-def _show(found: FrameCheck) -> None:
-    table = Table(title=cell(f"{found.device} at {found.where}"), title_justify="left", caption=cell(found.source), caption_justify="left")
+def _show(result: FrameCheck) -> None:
+    table = Table(
+        title=cell(f"{result.device} at {result.where}"), title_justify="left", caption=cell(result.source), caption_justify="left"
+    )
     for column in ("check", "result", "status", "remedy"):
         table.add_column(column)
-    for finding in found.findings:
+    for finding in result.findings:
         colour = _COLOURS[finding.verdict]
         table.add_row(cell(finding.what), cell(finding.said), f"[{colour}]{finding.verdict}[/{colour}]", cell(finding.advice))
     Console().print(table)

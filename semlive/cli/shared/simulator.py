@@ -29,10 +29,10 @@ def simulator_module(name: str) -> str:
     Raises:
         BadInput: no simulator is installed.
     """
-    found = entry_points(group="semlive.simulators", name=name)
-    if not found:
+    modules = entry_points(group="semlive.simulators", name=name)
+    if not modules:
         raise BadInput("no simulator is installed; install semlive with its simulators (python -m pip install semlive)")
-    return next(iter(found)).module
+    return next(iter(modules)).module
 
 
 @contextlib.contextmanager

@@ -37,15 +37,15 @@ def match_blocks(
         search: search radius around the expected motion.
     """
     shifts = np.broadcast_to(shift, centres.shape)
-    found: list[tuple[float, float, float, float] | None] = [None] * len(centres)
+    matches: list[tuple[float, float, float, float] | None] = [None] * len(centres)
 
     def match_some(first: int, last: int) -> None:
         for k in range(first, last):
             (x, y), (u, v) = centres[k].tolist(), shifts[k].tolist()
-            found[k] = _match_block(block_at(image, x, y), x, y, current, (u, v), search)
+            matches[k] = _match_block(block_at(image, x, y), x, y, current, (u, v), search)
 
     parallel_chunks(match_some, len(centres), BLOCKS_PER_CHUNK)
-    return np.array([value for value in found if value], dtype=np.float64).reshape(-1, 4)
+    return np.array([value for value in matches if value], dtype=np.float64).reshape(-1, 4)
 
 
 def _match_block(

@@ -85,7 +85,7 @@ class FalseStrain:
     @property
     def max_strain(self) -> float:
         """Largest magnitude of any component."""
-        return max(abs(getattr(one, name)) for one in (self.low, self.high) for name in ("exx", "eyy", "exy"))
+        return max(abs(getattr(bound, name)) for bound in (self.low, self.high) for name in ("exx", "eyy", "exy"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,5 +218,7 @@ def _false_strain(distortion: DistortionField, shift: tuple[float, float], windo
     field = mechanics.false_strain(distortion, shift, min(window_points, *distortion.grid.shape))
     if not field.valid.any():
         return None
-    values = [one[field.valid] for one in (field.exx, field.eyy, field.exy)]
-    return FalseStrain(shift, Tensor2(*(float(np.min(one)) for one in values)), Tensor2(*(float(np.max(one)) for one in values)))
+    values = [component[field.valid] for component in (field.exx, field.eyy, field.exy)]
+    return FalseStrain(
+        shift, Tensor2(*(float(np.min(component)) for component in values)), Tensor2(*(float(np.max(component)) for component in values))
+    )

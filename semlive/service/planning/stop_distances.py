@@ -91,11 +91,11 @@ def stop_advice(stops: StopPlan | None) -> Iterator[str]:
     for row in stops.exceeding[:1]:
         assert row.worst_n is not None
         over = 100.0 * (row.worst_n / limit_n - 1.0) if limit_n else 100.0
-        others = len(stops.exceeding) - 1
-        more = f" ({others} more {'fault exceeds' if others == 1 else 'faults exceed'} it by more than {100 * (EXCESS - 1):.0f} %)"
+        further = len(stops.exceeding) - 1
+        more = f" ({further} more {'fault exceeds' if further == 1 else 'faults exceed'} it by more than {100 * (EXCESS - 1):.0f} %)"
         yield (
             f"if {row.fault}, the load can reach {row.worst_n:.0f} N before the stop, {over:.0f} % beyond the force limit of {limit_n:g} N"
-            f"{more if others else ''}: reduce protocol.ramp_rate_n_s, load_frame.poll_s or limits.force_max_n; check that "
+            f"{more if further else ''}: reduce protocol.ramp_rate_n_s, load_frame.poll_s or limits.force_max_n; check that "
             "--force-noise-n and --force-resolution-n are those of the load cell"
         )
     for row in stops.open:
