@@ -1,18 +1,18 @@
 """Run semlive, or its checks, from a fresh clone with nothing but Python and pip.
 
-    python3 go.py demo [options]     the simulated experiment (any other semlive command works alike)
+    python3 go.py demo [options]     the simulated experiment (other semlive commands work in the same way)
     python3 go.py test [options]     every check; the options go to pytest
-    python3 go.py lint               the checks but for the tests
+    python3 go.py lint               the checks without the tests
     python3 go.py docs [FOLDER]      build the documentation site (build/docs by default)
 
 On Windows: py go.py demo
 
 The first call makes a virtual environment in .venv (or in the folder named by SEMLIVE_VENV) and installs the project
-into it; nothing outside that folder is touched. Later calls start at once: the environment is renewed when
-pyproject.toml or the Python version has changed.
+into it; nothing outside that folder is changed. Later calls start at once; the environment is updated after a change of
+pyproject.toml or of the Python version.
 """
 
-# Standard library only, and no syntax newer than Python 3.7, so that an older Python can still say what it lacks.
+# Standard library only, and no syntax newer than Python 3.7, so that an older Python can print what is missing.
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ WINDOWS = os.name == "nt"
 
 
 class Refused(Exception):
-    """Set-up cannot go on; the message is one sentence: what, where, what to do."""
+    """Set-up failed; the message states what failed, where, and what to do."""
 
 
 def main(argv: list[str]) -> int:
-    """Set up what the command needs, then become it; returns the exit code."""
+    """Set up the environment of the command, then run the command; returns the exit code."""
     if not argv or argv[0] in ("-h", "--help", "help"):
         print(__doc__)
         return 0 if argv else 2
-    for name in ("PYTHONPATH", "PYTHONHOME"):  # the environment is to hold what it holds, and nothing of its surroundings
+    for name in ("PYTHONPATH", "PYTHONHOME"):  # the packages of the environment only
         os.environ.pop(name, None)
     command, options = argv[0], argv[1:]
     kinds = {"test": "test", "lint": "test", "docs": "docs"}
@@ -59,53 +59,53 @@ def main(argv: list[str]) -> int:
 
 
 def require_python() -> None:
-    """Raise Refused if this Python cannot carry semlive or cannot make environments."""
+    """Raise Refused if this Python is too old or cannot make environments."""
     if sys.version_info < OLDEST:
-        wanted = ".".join(map(str, OLDEST))
-        raise Refused(f"semlive needs Python {wanted} or newer, {sys.executable} is {version()}: install one and start go.py with it.")
+        required = ".".join(map(str, OLDEST))
+        raise Refused(f"semlive needs Python {required} or newer, {sys.executable} is {version()}: install one and start go.py with it.")
     missing = [name for name in ("venv", "ensurepip") if importlib.util.find_spec(name) is None]
     if missing:
         raise Refused(f"{sys.executable} lacks Python's {missing[0]} module: install it (Debian, Ubuntu: apt install python3-venv).")
 
 
 def set_up(venv: Path, kind: str) -> None:
-    """Install into `venv` what `kind` ("run", "test" or "docs") needs, unless its stamp states that this is done.
+    """Install into `venv` what `kind` ("run", "test" or "docs") needs, unless its stamp shows that this is done.
 
     An environment keeps the optional dependencies that were installed before: its kind is then "docs+test", for instance.
     """
     stamp = venv / "semlive-setup.json"
-    wanted = {
+    setup = {
         "pyproject": hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest(),
         "python": version(),
         "root": str(ROOT),
         "kind": kind,
     }
-    found = read_stamp(stamp)
-    extras = sorted({kind, *found.get("kind", "run").split("+")} - {"run"})
-    wanted["kind"] = "+".join(extras) or "run"
-    if found == wanted and python_of(venv).exists():
+    previous = read_stamp(stamp)
+    extras = sorted({kind, *previous.get("kind", "run").split("+")} - {"run"})
+    setup["kind"] = "+".join(extras) or "run"
+    if previous == setup and python_of(venv).exists():
         return
-    say(f"setting up {shown(venv)} (once, about a minute) ...")
-    began = time.monotonic()
-    reusable = python_of(venv).exists() and all(found.get(key) == wanted[key] for key in ("python", "root"))
+    print_status(f"setting up {shown(venv)} (once, about a minute) ...")
+    start_s = time.monotonic()
+    reusable = python_of(venv).exists() and all(previous.get(key) == setup[key] for key in ("python", "root"))
     if not reusable:
         make_environment(venv)
     stamp.unlink(missing_ok=True)
-    what = str(ROOT) + (f"[{','.join(extras)}]" if extras else "")
+    requirement = str(ROOT) + (f"[{','.join(extras)}]" if extras else "")
     log = venv / "semlive-setup.log"
-    pip = [str(python_of(venv)), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--editable", what]
+    pip = [str(python_of(venv)), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--editable", requirement]
     if run_logged(pip, log) != 0:
         raise Refused(f"pip could not install semlive ({last_error(log)}): see {log}, then start go.py again.")
-    stamp.write_text(json.dumps(wanted, indent=1) + "\n", encoding="utf-8")
-    say(f"set up in {time.monotonic() - began:.0f} s")
+    stamp.write_text(json.dumps(setup, indent=1) + "\n", encoding="utf-8")
+    print_status(f"set up in {time.monotonic() - start_s:.0f} s")
 
 
 def make_environment(venv: Path) -> None:
-    """Make a new virtual environment, in place of an old one but never in place of anything else."""
+    """Make a new virtual environment; an old one is replaced, other folders are not."""
     if venv.exists() and not venv.is_dir():
         raise Refused(f"{venv} is a file, not a folder: remove it or name another folder in SEMLIVE_VENV.")
     if venv.is_dir() and any(venv.iterdir()) and not (venv / "pyvenv.cfg").exists():
-        raise Refused(f"{venv} holds something that is no virtual environment: name another folder in SEMLIVE_VENV.")
+        raise Refused(f"{venv} contains files but is no virtual environment: name another folder in SEMLIVE_VENV.")
     try:
         venv.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -114,12 +114,12 @@ def make_environment(venv: Path) -> None:
         [sys.executable, "-m", "venv", "--clear", str(venv)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
     )
     if made.returncode != 0 or not python_of(venv).exists():
-        reason = (made.stdout.strip().splitlines() or ["it said nothing"])[-1]
-        raise Refused(f"Python's venv module could not make {venv} ({reason}): mend that or name another folder in SEMLIVE_VENV.")
+        reason = (made.stdout.strip().splitlines() or ["no output"])[-1]
+        raise Refused(f"Python's venv module could not make {venv} ({reason}): correct this, or name another folder in SEMLIVE_VENV.")
 
 
 def check(venv: Path, pytest_options: list[str] | None) -> int:
-    """Run every check, the quick ones first, and report all that fail; `pytest_options` None leaves the tests out."""
+    """Run every check, quick checks first, and report all failures; without tests if `pytest_options` is None."""
     python, scripts = str(python_of(venv)), python_of(venv).parent
     quick = {
         "ruff check": [python, "-m", "ruff", "check", "--quiet", "."],
@@ -129,41 +129,41 @@ def check(venv: Path, pytest_options: list[str] | None) -> int:
     }
     failed = []
     for name, arguments in quick.items():
-        began = time.monotonic()
-        ran = subprocess.run(arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
-        say(f"{name:<13} {'ok' if ran.returncode == 0 else 'FAILED':<7}{time.monotonic() - began:6.1f} s")
-        if ran.returncode != 0:
+        start_s = time.monotonic()
+        result = subprocess.run(arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+        print_status(f"{name:<13} {'ok' if result.returncode == 0 else 'FAILED':<7}{time.monotonic() - start_s:6.1f} s")
+        if result.returncode != 0:
             failed.append(name)
-            print(ran.stdout, flush=True)
+            print(result.stdout, flush=True)
     code = 0
     if pytest_options is not None:
         code = become([python, "-m", "pytest", *pytest_options], str(ROOT), replace=False)
         failed += ["pytest"] if code != 0 else []
     if failed:
-        say("failed: " + ", ".join(failed))
+        print_status("failed: " + ", ".join(failed))
     return code or (1 if failed else 0)
 
 
 def build_docs(venv: Path, options: list[str]) -> int:
     """Build the documentation site into a folder; every warning is an error. Returns the exit code."""
     if len(options) > 1 or any(option.startswith("-") for option in options):
-        print("go.py: docs takes one folder at most: python3 go.py docs [FOLDER]", file=sys.stderr)
+        print("go.py: docs accepts at most one folder: python3 go.py docs [FOLDER]", file=sys.stderr)
         return 2
     site = Path(options[0]).absolute() if options else ROOT / "build" / "docs"
     sphinx = [str(python_of(venv)), "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(ROOT / "docs"), str(site)]
     code = become(sphinx, str(ROOT), replace=False)
     if code == 0:
-        say(f"open {site / 'README.html'}")
+        print_status(f"open {site / 'README.html'}")
     return code
 
 
 def become(arguments: list[str], folder: str, replace: bool = True) -> int:
-    """Hand this terminal over to a program: in place of this process where the system can, else by waiting for it."""
+    """Run a program in this terminal: in place of this process if the system supports it, otherwise in a child process."""
     sys.stdout.flush()
     sys.stderr.flush()
     if replace and not WINDOWS:
         os.execv(arguments[0], arguments)
-    # Ctrl-C reaches the child as well: it stops in its own time, and waiting must outlive that.
+    # Ctrl-C reaches the child, too; this process waits until the child has ended.
     before = signal.signal(signal.SIGINT, lambda *_: None)
     try:
         return subprocess.Popen(arguments, cwd=folder).wait()
@@ -178,38 +178,38 @@ def run_logged(arguments: list[str], log: Path) -> int:
 
 
 def last_error(log: Path) -> str:
-    """What pip's log says went wrong, in one line."""
+    """Last error in the log of pip, in one line."""
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
     errors = [line for line in lines if line.lower().startswith("error:")]
-    return (errors or lines or ["it said nothing"])[-1].strip().rstrip(".")
+    return (errors or lines or ["no output"])[-1].strip().rstrip(".")
 
 
 def read_stamp(stamp: Path) -> dict[str, str]:
-    """What the environment was set up for; empty if it was not, or not to the end."""
+    """Stamp of an environment; empty if it was not set up completely."""
     try:
-        found = json.loads(stamp.read_text(encoding="utf-8"))
+        content = json.loads(stamp.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def python_of(venv: Path) -> Path:
-    """The environment's own Python."""
+    """Path of the Python of an environment."""
     return venv / "Scripts" / "python.exe" if WINDOWS else venv / "bin" / "python"
 
 
 def version() -> str:
-    """The running Python's version, patch left out: an environment outlives patches."""
+    """Version of the running Python without the patch number, because environments stay valid after patches."""
     return ".".join(map(str, sys.version_info[:2]))
 
 
 def shown(path: Path) -> str:
-    """A path as short as the reader needs it."""
+    """A path for messages, relative to the project if possible."""
     return str(path.relative_to(ROOT)) if ROOT in path.parents else str(path)
 
 
-def say(text: str) -> None:
-    """Tell the person at the terminal; standard output stays the command's own."""
+def print_status(text: str) -> None:
+    """Print a message on standard error; standard output belongs to the command."""
     print(text, file=sys.stderr, flush=True)
 
 

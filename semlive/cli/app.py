@@ -15,119 +15,124 @@ from semlive.errors import BadInput, SemliveError
 
 _HELP = """Live drift- and distortion-corrected strain measurement inside a scanning electron microscope.
 
-New here: semlive demo runs a whole simulated experiment. At an instrument: semlive init writes a configuration, semlive doctor says whether everything is in place, semlive plan shows the experiment before it is run, semlive run runs it."""  # noqa: E501
-_EPILOG = "semlive COMMAND --help says what a command does and what it takes; semlive --install-completion completes names by the tab key."
+First steps: semlive demo runs a complete simulated experiment. At an instrument: semlive init writes a configuration, semlive doctor checks whether everything is in place, semlive plan shows the experiment before it is run, semlive run runs it."""  # noqa: E501
+_EPILOG = "semlive COMMAND --help describes a command and its options; semlive --install-completion installs completion by the tab key."
 
 PANEL_SETUP, PANEL_RUN, PANEL_ANALYSIS, PANEL_TOOLS = "Before a run", "A run", "After a run", "Without a run"
 COMMANDS = (
     CommandEntry(
         "demo",
-        "semlive.cli.demo:demo",
+        "semlive.cli.before_run.demo:demo",
         "Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth.",
         PANEL_SETUP,
     ),
-    CommandEntry("init", "semlive.cli.init:init", "Write a commented configuration after a few questions.", PANEL_SETUP),
+    CommandEntry("init", "semlive.cli.before_run.init:init", "Write a commented configuration after a few questions.", PANEL_SETUP),
     CommandEntry(
         "doctor",
-        "semlive.cli.doctor:doctor",
-        "Look whether everything a run needs is in place, and say how to mend what is not; nothing is moved.",
+        "semlive.cli.before_run.doctor:doctor",
+        "Check whether everything that a run needs is in place, and show how to correct what is not; nothing moves.",
         PANEL_SETUP,
     ),
     CommandEntry(
         "plan",
-        "semlive.cli.plan:plan",
-        "Show an experiment before it is run: time, frames, dose, noise, false strain, how far each fault can carry the load, and advice.",
+        "semlive.cli.before_run.plan:plan",
+        "Show an experiment before it is run: time, frames, dose, noise, false strain, largest load after each fault, and advice.",
         PANEL_SETUP,
     ),
     CommandEntry(
         "inspect",
-        "semlive.cli.inspect:inspect",
-        "Show what exported images say of their scan, where each value comes from, and what is missing.",
+        "semlive.cli.before_run.inspect:inspect",
+        "Show the scan parameters of exported images, the source of each value, and what is missing.",
         PANEL_SETUP,
     ),
-    CommandEntry("frame", "semlive.cli.frame:frame", "Look at a load frame, without moving it.", PANEL_SETUP),
+    CommandEntry("frame", "semlive.cli.before_run.frame:frame", "Check a load frame without moving it.", PANEL_SETUP),
     CommandEntry(
         "run",
-        "semlive.cli.run:run",
+        "semlive.cli.during_run.run:run",
         "Run an experiment; type pause, resume, stop, abort or acknowledge and press Enter, or Ctrl-C to stop.",
         PANEL_RUN,
     ),
-    CommandEntry("serve", "semlive.cli.serve:serve", "Show a log on the live page until Ctrl-C; nothing can be steered there.", PANEL_RUN),
+    CommandEntry(
+        "serve", "semlive.cli.during_run.serve:serve", "Show a log on the live page until Ctrl-C; the page cannot control a run.", PANEL_RUN
+    ),
     CommandEntry(
         "recover",
-        "semlive.cli.recover:recover",
-        "Make a torn or damaged log valid: all that is whole, with an index, and a list of what was lost.",
+        "semlive.cli.during_run.recover:recover",
+        "Repair a truncated or damaged log: keep every complete message, write an index, and list what was lost.",
         PANEL_RUN,
     ),
     CommandEntry(
         "replay",
-        "semlive.cli.replay:replay",
-        "Recompute the analysis from a log and compare it with what the live run recorded.",
+        "semlive.cli.after_run.replay:replay",
+        "Repeat the analysis of a log and compare the result with the one that the live run recorded.",
         PANEL_ANALYSIS,
     ),
     CommandEntry(
         "report",
-        "semlive.cli.report:report",
-        "Write a run as one page: figures as in the method's paper, uncertainty budget, refused frames, settings, versions.",
+        "semlive.cli.after_run.report:report",
+        "Write a run as one page: figures as in the paper of the method, uncertainty budget, rejected frames, settings, versions.",
         PANEL_ANALYSIS,
     ),
     CommandEntry(
         "export",
-        "semlive.cli.export:export",
+        "semlive.cli.after_run.export:export",
         "Write corrected displacement and strain of every frame, drift, distortion, series and configuration.",
         PANEL_ANALYSIS,
     ),
     CommandEntry(
         "prune",
-        "semlive.cli.prune:prune",
-        "Name old runs beyond a limit, and delete them with --delete; a run that is not complete or holds other files is always kept.",
+        "semlive.cli.after_run.prune:prune",
+        "List old runs beyond a limit, and delete them with --delete; a run that is incomplete or holds other files is always kept.",
         PANEL_ANALYSIS,
     ),
     CommandEntry(
         "reanalyse",
-        "semlive.cli.reanalyse:reanalyse",
-        "Analyse logs anew; what goes wrong with one does not stop the rest.",
+        "semlive.cli.after_run.reanalyse:reanalyse",
+        "Analyse several logs again; the failure of one log does not stop the others.",
         PANEL_ANALYSIS,
     ),
     CommandEntry(
         "diagnose",
-        "semlive.cli.diagnose:diagnose",
-        "Find where model and data disagree, name the missing effect, and show how much of the gap it closes.",
+        "semlive.cli.after_run.diagnose:diagnose",
+        "Find where model and data disagree, identify the missing effect, and show how much of the gap it closes.",
         PANEL_ANALYSIS,
     ),
     CommandEntry(
         "experiment",
-        "semlive.cli.experiment:experiment",
-        "Propose the experiment that decides what a diagnosis leaves open; decide by it; compare a run with simulations of it.",
+        "semlive.cli.after_run.experiment:experiment",
+        "Propose an experiment that decides between possible effects, evaluate it, or compare a run with simulations of it.",
         PANEL_ANALYSIS,
     ),
     CommandEntry(
         "score",
-        "semlive.cli.score:score",
-        "Every recovered quantity against truth, with its uncertainty, and whether the stated uncertainties hold.",
+        "semlive.cli.after_run.score:score",
+        "Compare every recovered quantity with its true value, and check whether the stated uncertainties hold.",
         PANEL_ANALYSIS,
     ),
     CommandEntry(
-        "dic", "semlive.cli.dic:dic", "Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px.", PANEL_TOOLS
+        "dic",
+        "semlive.cli.without_run.dic:dic",
+        "Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px.",
+        PANEL_TOOLS,
     ),
     CommandEntry(
         "import",
-        "semlive.cli.import_maps:import_maps",
-        "Make a log of disparity maps that another engine made: VIC-2D, DICe, OpenCorr, pyvale, or plain CSV.",
+        "semlive.cli.without_run.import_maps:import_maps",
+        "Write a log from disparity maps of another DIC program: VIC-2D, DICe, OpenCorr, pyvale, or plain CSV.",
         PANEL_TOOLS,
     ),
     CommandEntry(
         "simulate",
-        "semlive.cli.simulate:simulate",
-        "Play a scenario's own experiment as fast as it renders, and write what the microscope would have exported.",
+        "semlive.cli.without_run.simulate:simulate",
+        "Simulate the experiment of a scenario without the daemon, and write the files that the microscope would export.",
         PANEL_TOOLS,
     ),
 )
 app = typer.Typer(cls=group_of(COMMANDS), help=_HELP, epilog=_EPILOG, no_args_is_help=True, pretty_exceptions_enable=False)
 
 
-def _say_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version  # noqa: PLC0415
 
         typer.echo(f"semlive {version('semlive')}")
@@ -136,15 +141,15 @@ def _say_version(asked: bool) -> None:
 
 @app.callback()
 def _semlive(
-    version: Annotated[bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version this is.")] = False,
+    version: Annotated[bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")] = False,
 ) -> None:
     del version
 
 
 def run_app() -> int:
-    """Run the command that the arguments name and give its exit code.
+    """Run the command that the arguments name, and return its exit code.
 
-    Nobody at an instrument reads a traceback: an error is one line, and `SEMLIVE_TRACEBACK=1` shows where it arose.
+    An error is one line on standard error; with `SEMLIVE_TRACEBACK=1` in the environment a traceback follows.
     """
     traced = bool(os.environ.get("SEMLIVE_TRACEBACK"))
     if not traced:
@@ -165,10 +170,12 @@ def run_app() -> int:
 
 
 def _unexpected(error: BaseException | None) -> str:
-    what = printable(" ".join(str(error).split()))
-    return f"semlive itself failed ({type(error).__name__}: {what}); set SEMLIVE_TRACEBACK=1 and run it again to see where, and report it"
+    message = printable(" ".join(str(error).split()))
+    return (
+        f"semlive itself failed ({type(error).__name__}: {message}); set SEMLIVE_TRACEBACK=1 and run it again to see where, and report it"
+    )
 
 
-def _thread_failed(failed: threading.ExceptHookArgs) -> None:
-    if failed.exc_value is not None and not isinstance(failed.exc_value, SystemExit):
-        sys.stderr.write(f"{_unexpected(failed.exc_value)}\n")
+def _thread_failed(failure: threading.ExceptHookArgs) -> None:
+    if failure.exc_value is not None and not isinstance(failure.exc_value, SystemExit):
+        sys.stderr.write(f"{_unexpected(failure.exc_value)}\n")

@@ -1,4 +1,4 @@
-"""Commands that are imported when they are called: a help text costs no numerics."""
+"""Commands that are imported when they are called, so that help texts do not import the numerical packages."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from typer.core import TyperCommand, TyperGroup
 
 @dataclass(frozen=True, slots=True)
 class CommandEntry:
-    """A command as the list of commands knows it.
+    """Entry of the list of commands.
 
     Attributes:
-        name: what is typed.
-        import_path: ``module:attribute`` of the function, or of the Typer that has commands of its own.
-        short: first line of its help.
-        panel: heading that it stands under.
+        name: name that the user types.
+        import_path: ``module:attribute`` of the function, or of a Typer with sub-commands.
+        short: first line of the help.
+        panel: heading of the group in the list.
     """
 
     name: str
@@ -32,57 +32,57 @@ class CommandEntry:
 
 
 def group_of(entries: tuple[CommandEntry, ...]) -> type[TyperGroup]:
-    """A group whose commands are names until one of them is called.
+    """A group that imports a command only when the command is called.
 
-    Listing them, for help, for completion or to suggest the right spelling, imports none; every import took 2.3 s of processor time.
+    Listing the commands for help, completion or spelling suggestions imports none; importing all took 2.3 s of processor time.
     """
-    known = {one.name: one for one in entries}
+    by_name = {entry.name: entry for entry in entries}
 
     class LazyGroup(TyperGroup):
-        """Resolves a name by importing its command."""
+        """Imports the command that a name refers to."""
 
-        def __init__(self, **given: Any) -> None:
-            super().__init__(**given)
-            for one in entries:
-                self.add_command(TyperCommand(one.name, help=one.short, rich_help_panel=one.panel))
+        def __init__(self, **options: Any) -> None:
+            super().__init__(**options)
+            for entry in entries:
+                self.add_command(TyperCommand(entry.name, help=entry.short, rich_help_panel=entry.panel))
 
         def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-            """The name, the command itself, and what is left of the arguments."""
-            name, named, rest = super().resolve_command(ctx, args)
-            return name, named if name is None else load(known[name]), rest
+            """Name, imported command, and remaining arguments."""
+            name, command, remaining = super().resolve_command(ctx, args)
+            return name, command if name is None else load(by_name[name]), remaining
 
     return LazyGroup
 
 
 def load(entry: CommandEntry) -> Any:
-    """The command itself, imported now."""
+    """Import a command and return it."""
     module, attribute = entry.import_path.split(":")
     with deferred_keyboard_interrupt():
-        found = getattr(import_module(module), attribute)
-    if isinstance(found, typer.Typer):
-        command: Any = typer.main.get_group(found)
+        target = getattr(import_module(module), attribute)
+    if isinstance(target, typer.Typer):
+        command: Any = typer.main.get_group(target)
     else:
-        alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-        alone.command(entry.name)(found)
-        command = typer.main.get_command(alone)
+        single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        single.command(entry.name)(target)
+        command = typer.main.get_command(single)
     command.name = entry.name
     return command
 
 
 @contextlib.contextmanager
 def deferred_keyboard_interrupt() -> Iterator[None]:
-    """Raise KeyboardInterrupt at the end instead of in the middle.
+    """Raise KeyboardInterrupt at the end of the context instead of within it.
 
-    Importing takes a second, and an extension module that is interrupted in its initialisation says ImportError.
+    Importing takes a second, and an extension module that is interrupted during its initialisation raises ImportError.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield  # signals are the main thread's alone
+        yield  # only the main thread receives signals
         return
-    asked: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    interrupts: list[int] = []
+    previous_handler = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-    if asked:
+        signal.signal(signal.SIGINT, previous_handler)
+    if interrupts:
         raise KeyboardInterrupt

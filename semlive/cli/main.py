@@ -1,4 +1,4 @@
-"""The command line's front door: Ctrl-C is taken care of before anything is imported."""
+"""Entry point of the command line; it handles Ctrl-C before the commands are imported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _STOPPED = 1
 
 
 def main() -> None:
-    """Run a command; errors are one line on standard error (exit code 2 for bad input, 1 for a failure on the way)."""
+    """Run a command; an error is one line on standard error (exit code 2 for bad input, 1 for a failure during the command)."""
     configure_jit_cache(os.environ)
     try:
         from semlive.cli.app import run_app  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""The experiment as data: phases, steps, holds, limits."""
+"""Values that describe an experiment: phases, steps, holds, limits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class Phase(StrEnum):
-    """What a pair is for."""
+    """Purpose of a pair."""
 
     CALIBRATION = "calibration"
     TRANSLATION = "translation"
@@ -16,15 +16,15 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One stop of the experiment: get there, hold, take a pair.
+    """One step of the experiment: move, hold, take a pair.
 
     Attributes:
-        step: running number from 0; the step's pair has the same number.
-        phase: what the pair is for.
-        shift_um: commanded stage position (x, y) relative to where the run began.
-        shift_px: planned shift, pixels; `shift_um` also includes recentring (see `Recentre`).
-        load_n: commanded load, or None to leave the load frame alone.
-        warm_up: whether the warm-up gate added the step to measure the drift again (see `WarmUp`).
+        step: running number from 0; the pair of the step has the same number.
+        phase: purpose of the pair.
+        shift_um: commanded stage position (x, y) relative to its position at the start of the run.
+        shift_px: shift of the plan in pixels; `shift_um` also contains the recentring of the field of view (see `Recentre`).
+        load_n: commanded load; None: the load does not change.
+        warm_up: whether the step was added to measure the drift again while the warm-up gate waited (see `WarmUp`).
     """
 
     step: int
@@ -36,22 +36,22 @@ class Step:
 
     @property
     def number(self) -> int:
-        """Number of the step counted from 1, as in messages to the operator."""
+        """Number of the step from 1, as in messages."""
         return self.step + 1
 
 
 @dataclass(frozen=True, slots=True)
 class HoldRule:
-    """When a step may be imaged.
+    """Conditions for the imaging of a step.
 
     Attributes:
-        hold_s: time between "settled" and the first frame of the pair (30 s in Sutton et al. 2007).
-        settle_s: time that load and stage must stay within tolerance to count as settled.
-        load_tolerance_n: allowed deviation of the load from its target.
-        load_tolerance_fraction: allowed deviation as a fraction of the target; the larger of both applies.
-        stage_tolerance_um: allowed distance of the stage's own reading from its target.
-        motion_timeout_s: a motion not settled after this is a fault.
-        frame_timeout_s: no acceptable frame for this long while imaging is a fault.
+        hold_s: hold between the end of settling and the first frame of the pair (paper: 30 s).
+        settle_s: time for which load and stage must stay within tolerance before the hold.
+        load_tolerance_n: allowed distance of the load from its target.
+        load_tolerance_fraction: allowed distance as a fraction of the target; the larger of the two tolerances applies.
+        stage_tolerance_um: allowed distance of the stage reading from its target.
+        motion_timeout_s: time after which a motion that has not settled is a fault.
+        frame_timeout_s: time of imaging without an acceptable frame that is a fault.
     """
 
     hold_s: float = 30.0
@@ -69,28 +69,28 @@ class HoldRule:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Soft limits, checked on every command and on every sample.
+    """Soft limits, checked for every command and every sample.
 
     Attributes:
         force_min_n: lowest allowed force.
         force_max_n: highest allowed force.
         extension_min_mm: lowest allowed crosshead extension.
         extension_max_mm: highest allowed crosshead extension.
-        force_rate_max_n_s: fastest commanded ramp.
-        force_step_max_n: largest commanded change of load in one step.
-        stage_travel_um: largest allowed distance of the stage from where the run began, per axis.
-        stale_after_s: wall seconds after which the last sample is stale (no decisions on it).
-        lost_after_s: wall seconds after which the link is lost (stop).
-        force_drop_max_n: largest sudden fall of the load (a slip, a fracture); None: not checked.
-        force_slope_max_n_s: fastest change of the measured load over half a second; None: not checked.
-        slack_max_mm: maximum crosshead travel while the load changes by less than `slack_force_n`; None: as far as the
-            stated stiffness and the distance to the force limit allow.
-        slack_force_n: see `slack_max_mm`.
-        unloaded_max_n: largest load, N, of pairs before the first load step; None: 5 % of the larger force limit. The load tolerance
-            is allowed in any case, so 0 forbids an intended preload.
-        stiffness_min_n_mm: smallest load change per travel of every ramp, N/mm, from the first change of load in the ramp on; below it the
-            reading of the load cell counts as too low. It applies to yielding as well. None: not checked.
-        stop_timeout_s: maximum wait of a stopped run for standstill reports of the devices, experiment seconds.
+        force_rate_max_n_s: maximum rate of a commanded ramp.
+        force_step_max_n: maximum commanded change of load in one step.
+        stage_travel_um: largest allowed distance of the stage from its position at the start of the run, per axis.
+        stale_after_s: age after which the last sample is stale and not used for decisions, s of wall time.
+        lost_after_s: time without a sample after which the link counts as lost and the run stops, s of wall time.
+        force_drop_max_n: largest sudden decrease of the load (slip, fracture); None: not checked.
+        force_slope_max_n_s: maximum rate of the measured load over half a second; None: not checked.
+        slack_max_mm: maximum travel of the crosshead while the load changes by less than `slack_force_n`; None: the travel that
+            follows from the configured stiffness and the distance to the force limit.
+        slack_force_n: change of load for `slack_max_mm`.
+        unloaded_max_n: largest load, N, of pairs before the first load; None: 5 % of the larger force limit. The load tolerance is
+            always allowed; 0 forbids an additional preload.
+        stiffness_min_n_mm: smallest change of load per travel of every ramp, N/mm, from the first change of load in the ramp on; a
+            smaller value counts as a fault of the load cell. The limit also applies during yielding. None: not checked.
+        stop_timeout_s: maximum time after a stop until the devices report that they do not move; then the run ends, s of experiment time.
     """
 
     force_min_n: float
@@ -113,11 +113,11 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Recentre:
-    """Recentring of the field of view on its planned position.
+    """Compensation of drift by moving the field of view back to its planned position.
 
     Attributes:
-        threshold_px: offset above which the field is recentred.
-        um_per_px: motion of the stage or the beam shift that moves the image by a pixel.
+        threshold_px: distance from the planned position up to which nothing is moved.
+        um_per_px: motion of stage or beam shift that moves the image by one pixel.
     """
 
     threshold_px: float
@@ -126,11 +126,11 @@ class Recentre:
 
 @dataclass(frozen=True, slots=True)
 class WarmUp:
-    """Drift rate below which the experiment continues; until then, further pairs measure the drift at the current position.
+    """Maximum drift rate before the experiment continues; until then, additional pairs are taken at the present position.
 
     Attributes:
-        max_rate_px_s: the forecast drift rate plus its standard uncertainty must not exceed this.
-        max_wait_s: time after which the operator is prompted.
+        max_rate_px_s: maximum of forecast drift rate plus standard uncertainty.
+        max_wait_s: waiting time after which the operator decides.
         gate_phases: TENSION: the gate is before the first load; CALIBRATION: after the first pair.
     """
 
@@ -141,12 +141,12 @@ class WarmUp:
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveHold:
-    """Conditions that extend a hold beyond its minimum.
+    """Conditions that extend a hold.
 
     Attributes:
-        max_hold_s: maximum duration of the hold.
-        max_rate_px_s: largest drift rate between frames of the hold (or its forecast) at which the hold ends; None: not checked.
-        max_relaxation_n_s: largest rate of load change at which the hold ends, N/s; None: not checked.
+        max_hold_s: maximum duration of a hold.
+        max_rate_px_s: maximum drift rate between frames of the hold, or else of its forecast; None: not checked.
+        max_relaxation_n_s: maximum rate of change of the load; None: not checked.
     """
 
     max_hold_s: float
@@ -156,18 +156,18 @@ class AdaptiveHold:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """An experiment: its steps, limits and optional gates.
+    """A complete experiment.
 
     Attributes:
-        steps: in order.
-        hold: when a step may be imaged.
+        steps: steps in their order.
+        hold: conditions for the imaging of a step.
         limits: soft limits.
         ramp_rate_n_s: rate of load changes.
-        triggered: semlive triggers each scan; otherwise the SEM scans continuously and exports every frame.
-        recentring: compensation of drift and specimen motion before each step; None: none.
-        warm_up: drift rate required before the first load; None: no gate.
-        adaptive_hold: conditions that extend a hold; None: none.
-        calibration_gate: loading starts only after the translations determine the distortion.
+        triggered: trigger the SEM for each frame; otherwise it scans continuously and exports every frame.
+        recentring: compensation of drift and specimen motion before each step; None: no compensation.
+        warm_up: condition for the drift rate before the first load; None: no condition.
+        adaptive_hold: conditions that extend a hold; None: every hold has the planned duration.
+        calibration_gate: load the specimen only after the translations were verified to determine the distortion.
     """
 
     steps: tuple[Step, ...]

@@ -1,4 +1,4 @@
-"""Settings of correlation, estimation and strain as plain values; `semlive.service.config` reads them from the configuration."""
+"""Settings of the analysis as plain values, made from the checked configuration file."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from semlive.data.diagnosis.effects import EMPTY_MODEL, EffectModel
 
 @dataclass(frozen=True, slots=True)
 class DicSettings:
-    """Settings of the correlation of pairs.
+    """Settings of the correlation.
 
     Attributes:
         subset_px: edge of the square subset, odd.
         step_px: distance of neighbouring POI.
         roi_px: first and last possible subset centres (x0, y0, x1, y1), inclusive; None covers the frame.
-        max_iterations: maximum number of IC-GN iterations at a POI.
+        max_iterations: maximum number of IC-GN iterations of a POI.
         tolerance_px: IC-GN stops when the next update is expected to move no subset corner by more than this.
-        min_zncc: smallest ZNCC of an accepted POI.
-        interpolation: of the current image: ``cubic`` or ``quintic`` B-spline (quintic: a third of the bias, twice the time).
-        shape_function: of a subset: ``affine`` or ``quadratic`` (follows strain gradients, at twice the noise).
-        min_valid_fraction: a subset with a smaller part outside masked areas is not measured.
-        search_px: largest displacement along x or y; None if unknown. It limits the search for first guesses, and a pattern with a
-            period above twice this distance does not count as ambiguous.
+        min_zncc: smallest ZNCC of a valid POI.
+        interpolation: B-spline of the current image: ``cubic`` or ``quintic`` (a third of the bias, twice the time).
+        shape_function: shape function of a subset: ``affine`` or ``quadratic`` (represents strain gradients, twice the noise).
+        min_valid_fraction: smallest unmasked fraction of a subset that is measured.
+        search_px: largest possible motion of a point along x or y; None if unknown. It limits the search for initial guesses, and a
+            pattern with a period of more than twice this distance is not ambiguous.
     """
 
     subset_px: int = 43
@@ -53,7 +53,7 @@ class DicSettings:
 
 
 MEASURES = {"engineering": "engineering small strain", "green_lagrange": "Green-Lagrange strain"}
-"""Strain measures and their names in reports."""
+"""Names of the strain measures in texts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +61,10 @@ class StrainSettings:
     """Settings of the virtual strain gauge.
 
     Attributes:
-        order: of the local polynomial, 1 or 2.
-        weights: over the window: ``uniform``, or ``gaussian`` (smoother; needs a longer window for equal noise).
-        measure: ``engineering`` small strain, or ``green_lagrange``.
-        butterworth_points: cut-off wavelength, in POI, of the displacement filter before the fit (published procedure); None: no filter.
+        order: order of the local polynomial, 1 or 2.
+        weights: weights within the window: ``uniform``, or ``gaussian`` (smoother; needs a longer window for the same noise).
+        measure: strain measure: ``engineering`` small strain, or ``green_lagrange``.
+        butterworth_points: cut-off wavelength, in POI, of the low-pass filter before the fit, as published; None: no filter.
     """
 
     order: int = 1
@@ -88,16 +88,16 @@ class EstimateSettings:
     """Settings of the estimate of drift and distortion.
 
     Attributes:
-        drift_knots_per_frame: knots of the drift spline in each frame time.
+        drift_knots_per_frame: number of knots of the drift spline per frame time.
         distortion_knot_px: knot distance of the distortion spline.
         window_points: edge of the virtual strain gauge in POI.
-        method: ``joint``, or ``sutton2007`` for the published procedure.
-        sutton_smoothing_px: standard deviation of the Gaussian filter of local drift over positions in ``sutton2007``; the paper does not
-            mention a filter, but its accuracy is not reached without.
+        method: method of estimation: ``joint``, or ``sutton2007`` for the published procedure.
+        sutton_smoothing_px: standard deviation of the Gaussian that smooths local drift over positions in ``sutton2007``; the paper
+            mentions none, but its figures are not reached without it.
         strain: settings of the virtual strain gauge.
-        sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and of measurement separately (footnote 5).
-        accept_poor_calibration: load the specimen and correct loaded frames although the translations covered one direction only or were
-            too small.
+        sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and measurement separately (footnote 5).
+        accept_poor_calibration: load the specimen and correct the maps under load although the translations have one direction only or
+            are too small.
     """
 
     drift_knots_per_frame: float = 3.0
@@ -122,10 +122,10 @@ class SpecimenSettings:
 
     Attributes:
         name: free text.
-        area_mm2: cross-section, or None if unknown (then without elastic constants).
-        loading_axis: ``x`` or ``y``, the image axis of the load.
-        gage_factor_sigma: relative standard uncertainty of a strain gage's factor; data sheets give 0.5 to 1 %.
-        yield_strength_mpa: stress limit for the loads of the plan; None: not checked.
+        area_mm2: cross-section; None if unknown, without elastic constants.
+        loading_axis: image axis of the load, ``x`` or ``y``.
+        gage_factor_sigma: relative standard uncertainty of the gage factor of a strain gage; data sheets give 0.5 to 1 %.
+        yield_strength_mpa: maximum stress of the plan; None: not checked.
     """
 
     name: str = ""
@@ -147,15 +147,15 @@ class SpecimenSettings:
 
 @dataclass(frozen=True, slots=True)
 class ScanSpeed:
-    """Scan times for one named scan speed of a microscope; one row of ``sem.scan_profiles``.
+    """Scan times for one scan speed of a microscope; one entry of ``sem.scan_profiles``.
 
     Attributes:
         scan_speed: name or number of the scan speed in the files of the vendor.
-        instrument: first characters of the instrument name in the file; empty matches any.
-        width_px: width of the image; None for any width (if the row time is equal for all).
+        instrument: beginning of the name of the instrument in the file; empty matches all.
+        width_px: image width to which the times apply; None: every width (with equal row times).
         dwell_time_s: time on one pixel in one pass.
-        row_time_s: time from the start of one row to the start of the next, including all passes and fly-backs.
-        frame_time_s: time of one complete scan.
+        row_time_s: time from the start of one row to the next, all passes and fly-backs included.
+        frame_time_s: duration of one scan.
     """
 
     scan_speed: str
@@ -166,27 +166,27 @@ class ScanSpeed:
     frame_time_s: float | None = None
 
     def fits(self, instrument: str, scan_speed: str, width_px: int) -> bool:
-        """Whether these scan times apply to a file."""
-        same_speed = scan_speed != "" and self.scan_speed == scan_speed
-        return same_speed and instrument.startswith(self.instrument) and self.width_px in (None, width_px)
+        """Whether the entry applies to a file."""
+        named = scan_speed != "" and self.scan_speed == scan_speed
+        return named and instrument.startswith(self.instrument) and self.width_px in (None, width_px)
 
 
 @dataclass(frozen=True, slots=True)
 class ScanProfile:
-    """Scan metadata from the configuration, for values that the files do not contain.
+    """Values for files whose headers lack them.
 
     Attributes:
-        start_anchor: instant that the embedded time of a file marks: ``start``, ``end`` or ``save`` (`save_delay_s` after the end).
-        start_sigma_s: standard uncertainty of the start time derived from the embedded time.
-        dwell_time_s: used when the file has none.
-        row_time_s: used when the file has none.
-        frame_time_s: used when the file has none.
-        pixel_size_m: used when the file has none.
-        databar_rows: used when the file has none; None means no databar.
-        clock_offset_s: clock of the microscope's computer minus UTC, including the time zone; subtracted from embedded times.
-        save_delay_s: from the end of a scan to the time in the file, for ``save``.
-        field_width_mm_at_1x: calibrated width of the field at magnification 1; gives the pixel size when the file has none.
-        speeds: scan times by scan speed, used before the values above.
+        start_anchor: meaning of the time in a file: ``start`` or ``end`` of the scan, or ``save`` (`save_delay_s` after the end).
+        start_sigma_s: standard uncertainty of the start time that is derived from it.
+        dwell_time_s: time on one pixel, for files without it.
+        row_time_s: time from the start of one row to the next, for files without it.
+        frame_time_s: duration of one scan, for files without it.
+        pixel_size_m: edge of a pixel, for files without it.
+        databar_rows: rows of the databar, for files without it; None: no databar.
+        clock_offset_s: clock of the computer of the microscope minus UTC, time zone included; it is subtracted from times in files.
+        save_delay_s: delay from the end of a scan to the time in the file, for ``save``.
+        field_width_mm_at_1x: calibrated width of the field at magnification 1; gives the pixel size of files without it.
+        speeds: scan times by scan speed; they take precedence over the values above.
     """
 
     start_anchor: str = "end"
@@ -210,7 +210,7 @@ class ScanProfile:
 
 @dataclass(frozen=True, slots=True)
 class AnalysisSettings:
-    """All settings of the pipeline."""
+    """Settings of the pipeline."""
 
     dic: DicSettings = DicSettings()
     estimate: EstimateSettings = EstimateSettings()

@@ -31,20 +31,20 @@ def match(
 
     With many current images of one reference, prepare it once: ``prepared = prepare(reference, grid, settings)``, then
     ``correlate(prepared, current, settings, reference_frame=0, current_frame=n)`` for each; it saves a quarter of the time.
-    Frames beyond 4096 x 4096 px and grids beyond 400,000 points are worked on in bands, in bounded memory; they may be memory maps.
+    Frames beyond 4096 x 4096 px and grids beyond 400,000 points are processed in bands with bounded memory; images may be memory maps.
 
     Args:
         reference: (height, width) grey levels, uint8 or uint16.
-        current: (height, width) grey levels, same size.
-        grid: the points, from `grid_for`; None lays points over the whole frame, as `settings` say.
-        settings: subset, step, tolerances; None takes the defaults (and the grid's subset and step, if a grid is given).
-        mask: (height, width) True where the reference may be used; None uses all of it.
+        current: (height, width) grey levels, of the same size.
+        grid: grid of the points, from `grid_for`; None covers the complete frame with subset and step of `settings`.
+        settings: subset, step, tolerances; None: the defaults, with subset and step of the grid if it is given.
+        mask: (height, width) True where the reference may be used; None: everywhere.
 
     Returns:
-        u, v, their standard uncertainties, ZNCC and status at every point; where `valid` is False the numbers mean nothing.
+        u, v, their standard uncertainties, ZNCC and status at every point; values are undefined where `valid` is False.
 
     Raises:
-        BadInput: not such images, unlike sizes, no subset fits, or a mask of another size.
+        BadInput: the images have another form or different sizes, no subset fits, or the mask has another size.
 
     Example:
         >>> import numpy as np
@@ -52,8 +52,8 @@ def match(
         >>> squares = np.random.default_rng(1).integers(40, 216, (30, 40))
         >>> reference = np.kron(squares, np.ones((4, 4))).astype(np.uint8)
         >>> moved = np.roll(reference, (3, -2), axis=(0, 1))
-        >>> found = match(reference, moved)
-        >>> print(f"{np.median(found.u_px[found.valid]):.2f} {np.median(found.v_px[found.valid]):.2f}")
+        >>> result = match(reference, moved)
+        >>> print(f"{np.median(result.u_px[result.valid]):.2f} {np.median(result.v_px[result.valid]):.2f}")
         -2.00 3.00
     """
     for name, image in (("reference", reference), ("current", current)):
@@ -78,9 +78,7 @@ def _check(name: str, image: object) -> None:
     if image.ndim != 2:
         raise BadInput(f"the {name} image has the shape {image.shape}, not (height, width): give one channel of grey levels")
     if image.dtype not in (np.uint8, np.uint16):
-        raise BadInput(
-            f"the {name} image holds {image.dtype}, not uint8 or uint16: give grey levels as the camera or detector counted them"
-        )
+        raise BadInput(f"the {name} image has the type {image.dtype}, not uint8 or uint16: give the grey levels of the camera or detector")
     if min(image.shape) < MIN_EDGE_PX:
         raise BadInput(f"the {name} image is {image.shape[1]} x {image.shape[0]} px: give at least {MIN_EDGE_PX} x {MIN_EDGE_PX} px")
 
@@ -92,5 +90,5 @@ def _check_grid(grid: Grid, width: int, height: int) -> None:
     if min(left, top) < 0 or right >= width or bottom >= height:
         raise BadInput(
             f"the grid's subsets reach from ({left}, {top}) to ({right}, {bottom}) but the images are {width} x {height} px: "
-            "make the grid with grid_for, which keeps to the frame"
+            "make the grid with grid_for, which stays inside the frame"
         )

@@ -13,23 +13,24 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.grid import grid_for
-from semlive.dic.initial_guess import match, nearest_block_field, residual_affine_field, smooth_field
+from semlive.dic.initial_guess.fields import nearest_block_field, residual_affine_field, smooth_field
+from semlive.dic.initial_guess.search import match
 from semlive.dic.outlier_rejection import PointMeasurements, rejection_status
 from semlive.dic.reference import Reference, prepare
-from semlive.dic.reseed import OTHER_SIDE_PX, neighbour_seeds, seed_distance
+from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distance
 from semlive.dic.uncertainty import noise_variance
 from semlive.errors import BadInput
-from semlive.kernels import interface
+from semlive.kernels import images, interface
 from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
 from semlive.kernels.local_planes import fit_local_planes
 from semlive.kernels.spline import CUBIC, QUINTIC
 from semlive.kernels.threads import run_pair_in_parallel
 
-FINAL = np.zeros(256, dtype=np.bool_)  # at each status: nothing more to be tried
+FINAL = np.zeros(256, dtype=np.bool_)  # by status: no further attempt
 FINAL[[PoiStatus.CONVERGED, PoiStatus.LOW_CONTRAST, PoiStatus.AMBIGUOUS, PoiStatus.MASKED]] = True
-ORDER = {"cubic": CUBIC, "quintic": QUINTIC}  # of the spline
-MAX_PASSES = 12  # retries from neighbours; each heals one ring of POI
-MAX_TRAVEL_PX = 8.0  # IC-GN has no business further from its start than a speckle or two
+ORDER = {"cubic": CUBIC, "quintic": QUINTIC}  # order of the spline
+MAX_PASSES = 12  # retries from neighbours; each adds one ring of POI
+MAX_TRAVEL_PX = 8.0  # largest distance of an IC-GN solution from its initial guess, one or two speckles
 
 
 def correlate(
@@ -40,9 +41,9 @@ def correlate(
     reference_frame: int,
     current_frame: int,
 ) -> DisparityMap:
-    """Disparity at every POI of the reference: ``x_current = x_reference + u``.
+    """Measure the disparity at every POI of the reference: ``x_current = x_reference + u``.
 
-    IC-GN under ZNSSD with the shape function the reference was prepared for; the result does not depend on the number of threads.
+    IC-GN minimises ZNSSD with the shape function of the reference. The result does not depend on the number of threads.
 
     Args:
         reference: from `prepare`.
@@ -53,7 +54,7 @@ def correlate(
 
     Raises:
         BadInput: the frames differ in size.
-        ValueError: not such an image.
+        ValueError: the image has another form.
     """
     if image.shape != reference.shape:
         (h0, w0), (h1, w1) = reference.shape, image.shape
@@ -61,18 +62,18 @@ def correlate(
             f"frame {current_frame} is {w1} x {h1} px but its reference, frame {reference_frame}, is {w0} x {h0} px: "
             "export all frames with the same size and databar"
         )
-    current = interface.to_float32_grey(image)
+    current = images.to_float32_grey(image)
 
     def guessed() -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         matches = match(reference.coarse, current)
         return matches, smooth_field(matches, reference.grid) if len(matches) else None
 
     (matches, guess), interpolator = run_pair_in_parallel(
-        guessed, lambda: interface.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= interface.PIXEL_CHUNK
+        guessed, lambda: images.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= interface.PIXEL_CHUNK
     )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
-    found = point_measurements(reference, solutions, settings)
-    return to_disparity_map(found, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+    measurements = point_measurements(reference, solutions, settings)
+    return to_disparity_map(measurements, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
 
 
 def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:
@@ -105,11 +106,11 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
 
 
 def to_disparity_map(
-    found: PointMeasurements, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int
+    measurements: PointMeasurements, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int
 ) -> DisparityMap:
     """Disparity map of the accepted point measurements."""
-    verdict = rejection_status(found, grid, curved=settings.shape_function != "affine")
-    valid = found.valid & (verdict == PoiStatus.CONVERGED)
+    verdict = rejection_status(measurements, grid, curved=settings.shape_function != "affine")
+    valid = measurements.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.where(valid, values, 0.0)
@@ -118,14 +119,14 @@ def to_disparity_map(
         reference=reference_frame,
         current=current_frame,
         grid=grid,
-        u_px=where_valid(found.u_px),
-        v_px=where_valid(found.v_px),
-        sigma_u_px=where_valid(found.sigma_u_px),
-        sigma_v_px=where_valid(found.sigma_v_px),
-        zncc=where_valid(found.zncc),
-        status=np.where(verdict == PoiStatus.CONVERGED, found.status, verdict),
-        covariance_px2=where_valid(found.covariance_px2),
-        iterations=found.iterations,
+        u_px=where_valid(measurements.u_px),
+        v_px=where_valid(measurements.v_px),
+        sigma_u_px=where_valid(measurements.sigma_u_px),
+        sigma_v_px=where_valid(measurements.sigma_v_px),
+        zncc=where_valid(measurements.zncc),
+        status=np.where(verdict == PoiStatus.CONVERGED, measurements.status, verdict),
+        covariance_px2=where_valid(measurements.covariance_px2),
+        iterations=measurements.iterations,
     )
 
 
@@ -140,27 +141,27 @@ def solve(
     """Affine parameters at every POI.
 
     The first pass follows rows from a smooth field of initial guesses. Failed points are retried from the nearest block (for a
-    jump within the
-    frame), then from the motion of blocks not explained by the smooth field, then from converged neighbours, ring by ring.
+    discontinuity within the frame), then from the motion of blocks that the smooth field does not explain, then from converged
+    neighbours, ring by ring.
 
     Args:
         reference: from `prepare`.
-        interpolator: of the current frame, from `cast.interpolator`.
-        matches: from `coarse.match`.
+        interpolator: spline coefficients of the current frame.
+        matches: (n, 4) matched blocks.
         settings: tolerance, iterations, smallest ZNCC.
-        guess: (ny, nx, 6) initial guesses; None uses `coarse.smooth_field`.
-        second: returns alternative initial guesses, from `coarse.residual_affine_field`; called only if needed.
+        guess: (ny, nx, 6) initial guesses; None: `smooth_field` of the matches.
+        second: function that returns alternative initial guesses (`residual_affine_field`) or None; called only if needed.
     """
     grid, solutions = reference.grid, _unsolved(reference)
     status = solutions.status
     if not len(matches):
         return solutions
 
-    def attempt(where: NDArray[np.bool_], how: int, seeds: NDArray[np.float64]) -> None:
+    def attempt(where: NDArray[np.bool_], mode: int, seeds: NDArray[np.float64]) -> None:
         interface.correlate(
             reference.sums,
             interpolator,
-            np.where(where, how, SKIP).astype(np.uint8),
+            np.where(where, mode, SKIP).astype(np.uint8),
             seeds,
             solutions,
             max_iterations=settings.max_iterations,
@@ -175,16 +176,16 @@ def solve(
     if (failed := ~FINAL[status]).any():
         attempt(failed, SEED_FROM_NEIGHBOUR, nearest_block_field(matches, grid))
     if (failed := ~FINAL[status]).any() and (alternative := second()) is not None:
-        attempt(failed & (seed_distance(alternative, guess) > OTHER_SIDE_PX), SEED_FROM_NEIGHBOUR, alternative)
+        attempt(failed & (seed_distance(alternative, guess) > MIN_DISCREPANCY_PX), SEED_FROM_NEIGHBOUR, alternative)
     fresh = status == PoiStatus.CONVERGED
     for _ in range(MAX_PASSES):
         if not (failed := ~FINAL[status]).any():
             break
-        first, reachable, beyond, torn = neighbour_seeds(solutions, fresh, grid.step_px)
+        first, reachable, second_guess, has_second = neighbour_seeds(solutions, fresh, grid.step_px)
         if not (failed & reachable).any():
             break
         attempt(failed & reachable, SEEDED, first)
-        attempt(failed & torn & (status != PoiStatus.CONVERGED), SEEDED, beyond)
+        attempt(failed & has_second & (status != PoiStatus.CONVERGED), SEEDED, second_guess)
         fresh = failed & (status == PoiStatus.CONVERGED)
     return solutions
 
@@ -201,14 +202,14 @@ def warm_up(settings: DicSettings) -> None:
     """Compile every kernel, or load it from the cache, by correlating a small synthetic pair.
 
     Args:
-        settings: those to be used; only the sizes are replaced.
+        settings: settings of the correlation; only the sizes are replaced.
     """
-    speckle = cv2.GaussianBlur(np.random.default_rng(1).standard_normal((96, 96)), (0, 0), 2.0)  # must not repeat itself
+    speckle = cv2.GaussianBlur(np.random.default_rng(1).standard_normal((96, 96)), (0, 0), 2.0)  # must not be periodic
     image = np.clip(128.0 + 280.0 * speckle, 0, 255).astype(np.uint8)
     small = dataclasses.replace(settings, subset_px=21, step_px=20, roi_px=None)
     reference = prepare(image, grid_for(small, 96, 96), small)
     current = np.roll(image, 1, axis=1)
     correlate(reference, current, small, reference_frame=0, current_frame=1)
-    interface.to_float32_grey(image.astype(np.uint16))
-    nothing = np.zeros((1, 1), dtype=np.bool_)
-    fit_local_planes(np.zeros((1, 1)), np.zeros((1, 1)), nothing, nothing, 1)  # of which a clean pair has no need
+    images.to_float32_grey(image.astype(np.uint16))
+    no_points = np.zeros((1, 1), dtype=np.bool_)
+    fit_local_planes(np.zeros((1, 1)), np.zeros((1, 1)), no_points, no_points, 1)  # not needed by a pair without outliers

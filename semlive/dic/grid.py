@@ -1,4 +1,4 @@
-"""The POI of a frame."""
+"""Grid of the points of interest (POI) of a frame."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from semlive.errors import BadInput
 
 
 def grid_for(settings: DicSettings, width_px: int, height_px: int) -> Grid:
-    """All POI whose centres lie in the region of interest and whose subsets lie in the frame.
+    """Return the grid of all POI with centres in the region of interest and subsets in the frame.
 
-    The first POI is the region's first corner, moved inwards by whole steps where its subset would leave the frame.
+    The first POI is the first corner of the region, moved inwards by multiples of the step until its subset lies in the frame.
 
     Args:
         settings: subset, step and region.
@@ -28,7 +28,7 @@ def grid_for(settings: DicSettings, width_px: int, height_px: int) -> Grid:
     nx = (min(x1, width_px - 1 - half) - x0) // step + 1
     ny = (min(y1, height_px - 1 - half) - y0) // step + 1
     if nx < 1 or ny < 1:
-        region = "the whole frame" if settings.roi_px is None else f"roi {','.join(map(str, settings.roi_px))}"
+        region = "the complete frame" if settings.roi_px is None else f"roi {','.join(map(str, settings.roi_px))}"
         raise BadInput(
             f"no subset of {settings.subset_px} px fits into {region} of a {width_px} x {height_px} px frame: "
             "enlarge the roi or reduce the subset"

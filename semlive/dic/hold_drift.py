@@ -15,23 +15,29 @@ from semlive.errors import IllPosed
 
 
 def hold_drift(before: Frame, after: Frame, settings: DicSettings) -> HoldDrift:
-    """Image drift from one frame to a later one of the same hold.
+    """Image drift between two frames of the same hold.
 
     Raises:
-        BadInput: the frames differ in size, or no point fits them.
-        IllPosed: fewer than half of the points are found in the later frame.
+        BadInput: the frames differ in size, or no subset fits.
+        IllPosed: fewer than half of the points converge.
     """
-    own = prepare(before.image, grid_for(settings, before.info.width_px, before.info.height_px), settings)
-    solutions = correlate(own, after.image, settings, reference_frame=before.info.export, current_frame=after.info.export)
+    reference = prepare(before.image, grid_for(settings, before.info.width_px, before.info.height_px), settings)
+    solutions = correlate(reference, after.image, settings, reference_frame=before.info.export, current_frame=after.info.export)
     if 2 * solutions.valid.sum() < solutions.valid.size:
-        raise IllPosed(f"{after.info.name} shows less than half of the points of {before.info.name}: no drift is seen between them")
-    apart_s = (after.info.start_time_ns.value - before.info.start_time_ns.value) / 1e9
-    alone = max(1.0, solutions.valid.sum() * min(1.0, settings.step_px / settings.subset_px) ** 2)  # points that share no pixel
-    late = np.hypot(before.info.start_sigma_s, after.info.start_sigma_s) / apart_s
+        raise IllPosed(
+            f"{after.info.name} shows less than half of the points of {before.info.name}: the drift between them cannot be measured"
+        )
+    interval_s = (after.info.start_time_ns.value - before.info.start_time_ns.value) / 1e9
+    independent_points = max(
+        1.0, solutions.valid.sum() * min(1.0, settings.step_px / settings.subset_px) ** 2
+    )  # number of points without common pixels
+    relative_time_sigma = np.hypot(before.info.start_sigma_s, after.info.start_sigma_s) / interval_s
 
     def rate(moved_px: NDArray[np.float64], sigma_px: NDArray[np.float64]) -> tuple[float, float]:
-        found = float(np.median(moved_px[solutions.valid])) / apart_s
-        return found, float(np.hypot(np.median(sigma_px[solutions.valid]) / np.sqrt(alone) / apart_s, found * late))
+        rate_px_s = float(np.median(moved_px[solutions.valid])) / interval_s
+        return rate_px_s, float(
+            np.hypot(np.median(sigma_px[solutions.valid]) / np.sqrt(independent_points) / interval_s, rate_px_s * relative_time_sigma)
+        )
 
     (x, sigma_x), (y, sigma_y) = rate(solutions.u_px, solutions.sigma_u_px), rate(solutions.v_px, solutions.sigma_v_px)
     times_ns = before.info.start_time_ns.value, after.info.end_time_ns

@@ -3,9 +3,9 @@
 Results stay on the grid of the first reference. If a point x moved to x + u0(x) in the current reference and from there by u1, then
 u(x) = u0(x) + u1(x + u0(x)), with u1 interpolated between the points of the newer grid.
 
-The noise of the intermediate frame is in both maps with opposite sign and cancels except for LEFT_OVER, so uncertainties grow far less than
-those of independent maps. Points lost at a change of the reference are also correlated with the previous reference and return
-if they become visible again.
+The noise of the intermediate frame is in both maps with opposite sign and cancels except for UNCANCELLED_NOISE_FRACTION. Therefore the
+uncertainties grow far less than those of independent maps. Points lost at a change of the reference are also correlated with the
+previous reference and return if they become visible again.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from semlive.dic.grid import grid_for
 from semlive.dic.reference import Reference, prepare
 from semlive.kernels.bilinear import interpolate_bilinear
 
-MIN_TRACKED_FRACTION = 0.95  # of the points that the reference began with; fewer ask for a new one
-MIN_ZNCC_FRACTION = 0.9  # of the median correlation that it began with
+MIN_TRACKED_FRACTION = 0.95  # of the initial number of points; below it, a new reference is used
+MIN_ZNCC_FRACTION = 0.9  # of the initial median ZNCC
 UNCANCELLED_NOISE_FRACTION = 0.15  # of the variance of a map: 0.08 to 0.13 measured at 2 to 10 grey of noise, 20 % of strain in four steps
-CUT_PX = 1.0  # corners of a cell that differ by more than their cell's strain are on two sides of a crack
+CUT_PX = 1.0  # corners of a cell that differ by more than this and the strain of the cell lie on two sides of a crack
 MAX_CELL_STRAIN = 0.3
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -38,11 +38,11 @@ class IncrementalTrack:
     """State of an incremental correlation. Immutable; `advance` returns the next state.
 
     Attributes:
-        grid: the points, in the first reference.
+        grid: grid of the points in the first reference.
         first_frame: number of the first reference.
         reference: the current reference.
         base_map: map from the first to the current reference; None while they are the same.
-        kept: number of valid points in the first map from the current reference; None before.
+        initial_points: number of valid points in the first map from the current reference; None before it.
         zncc: median correlation of these points.
         last_image: the latest frame.
         last_map: map of the latest frame; None before the first.
@@ -53,7 +53,7 @@ class IncrementalTrack:
     first_frame: int
     reference: Reference
     base_map: DisparityMap | None = None
-    kept: int | None = None
+    initial_points: int | None = None
     zncc: float = 0.0
     last_image: Image | None = None
     last_map: DisparityMap | None = None
@@ -65,9 +65,9 @@ def begin(image: Image, grid: Grid, settings: DicSettings, frame: int = 0) -> In
 
     Args:
         image: (height, width) uint8 or uint16.
-        grid: the points, from `grid_for`.
+        grid: grid of the points, from `grid_for`.
         settings: as for `prepare`.
-        frame: its number.
+        frame: number of the frame.
 
     Raises:
         BadInput: as `prepare`.
@@ -78,52 +78,54 @@ def begin(image: Image, grid: Grid, settings: DicSettings, frame: int = 0) -> In
 def advance(
     track: IncrementalTrack, image: Image, settings: DicSettings, frame: int, *, renew: bool = False
 ) -> tuple[DisparityMap, IncrementalTrack]:
-    """The map from the first reference to one more frame, and the track after it.
+    """Return the map from the first reference to the next frame, and the next state.
 
     Args:
-        track: from `begin` or from the frame before.
+        track: state after the previous frame, or from `begin`.
         image: the next frame.
         settings: as for `begin`.
-        frame: its number.
-        renew: take the frame before as reference whether or not it is needed.
+        frame: number of the frame.
+        renew: use the previous frame as reference even if it is not needed.
 
     Raises:
         BadInput: the frames differ in size.
     """
     m = _composed(track, correlate(track.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
-    if (renew or _worn(track, m)) and track.last_map is not None and track.last_map.valid.any():
+    if (renew or _too_weak(track, m)) and track.last_map is not None and track.last_map.valid.any():
         fresh = _renewed(track, settings)
         composed = _composed(fresh, correlate(fresh.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
         if renew or composed.valid.sum() > m.valid.sum() or _median_zncc(composed) > _median_zncc(m):
             track, m = fresh, composed
     if track.fallback is not None and not m.valid.all():
-        m = _returned(m, track.fallback, image, settings, frame)
-    if track.kept is None:
-        track = dataclasses.replace(track, kept=int(m.valid.sum()), zncc=_median_zncc(m))
+        m = _with_returned_points(m, track.fallback, image, settings, frame)
+    if track.initial_points is None:
+        track = dataclasses.replace(track, initial_points=int(m.valid.sum()), zncc=_median_zncc(m))
     return m, dataclasses.replace(track, last_image=image, last_map=m)
 
 
-def _returned(m: DisparityMap, spare: IncrementalTrack, image: Image, settings: DicSettings, frame: int) -> DisparityMap:
-    """The map with points that are lost in it but found from the reference before."""
-    found = _composed(spare, correlate(spare.reference, image, settings, reference_frame=spare.first_frame, current_frame=frame))
-    back = found.valid & ~m.valid
+def _with_returned_points(m: DisparityMap, previous: IncrementalTrack, image: Image, settings: DicSettings, frame: int) -> DisparityMap:
+    """Return the map, with lost points replaced by those that converge with the previous reference."""
+    from_previous = _composed(
+        previous, correlate(previous.reference, image, settings, reference_frame=previous.first_frame, current_frame=frame)
+    )
+    returned = from_previous.valid & ~m.valid
     names = ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status")
-    together = {name: np.where(back, getattr(found, name), getattr(m, name)) for name in names}
-    return dataclasses.replace(m, **together, covariance_px2=None, iterations=None)
+    values = {name: np.where(returned, getattr(from_previous, name), getattr(m, name)) for name in names}
+    return dataclasses.replace(m, **values, covariance_px2=None, iterations=None)
 
 
 def _median_zncc(m: DisparityMap) -> float:
     return float(np.median(m.zncc[m.valid])) if m.valid.any() else 0.0
 
 
-def _worn(track: IncrementalTrack, m: DisparityMap) -> bool:
+def _too_weak(track: IncrementalTrack, m: DisparityMap) -> bool:
     """Whether the correlation with the reference has become too weak."""
-    before = track.kept if track.kept is not None else (track.base_map.valid.sum() if track.base_map else m.status.size)
+    before = track.initial_points if track.initial_points is not None else (track.base_map.valid.sum() if track.base_map else m.status.size)
     return bool(m.valid.sum() < MIN_TRACKED_FRACTION * before or _median_zncc(m) < MIN_ZNCC_FRACTION * track.zncc)
 
 
 def _renewed(track: IncrementalTrack, settings: DicSettings) -> IncrementalTrack:
-    """The track with the latest frame as reference, its points laid over wherever the first ones are now."""
+    """Return the track with the latest frame as reference and a grid over the present positions of the first points."""
     image, m = track.last_image, track.last_map
     if image is None or m is None:
         return track
@@ -134,7 +136,7 @@ def _renewed(track: IncrementalTrack, settings: DicSettings) -> IncrementalTrack
     left, top = max(int(x.min()) - step, half), max(int(y.min()) - step, half)
     right, bottom = min(int(x.max()) + 2 * step, width - 1 - half), min(int(y.max()) + 2 * step, height - 1 - half)
     grid = grid_for(dataclasses.replace(settings, roi_px=(left, top, right, bottom)), width, height)
-    spare = track.fallback or dataclasses.replace(track, last_image=None, last_map=None)  # the earliest knows most points
+    fallback = track.fallback or dataclasses.replace(track, last_image=None, last_map=None)  # the earliest reference contains most points
     return IncrementalTrack(
         grid=track.grid,
         first_frame=track.first_frame,
@@ -142,12 +144,12 @@ def _renewed(track: IncrementalTrack, settings: DicSettings) -> IncrementalTrack
         base_map=m,
         last_image=image,
         last_map=m,
-        fallback=None if m.valid.all() else spare,
+        fallback=None if m.valid.all() else fallback,
     )
 
 
 def _composed(track: IncrementalTrack, newer: DisparityMap) -> DisparityMap:
-    """A map on the grid of the reference in use, told on the grid of the first."""
+    """Convert a map from the grid of the current reference to that of the first."""
     return newer if track.base_map is None else compose_maps(track.base_map, newer)
 
 
@@ -167,10 +169,10 @@ def compose_maps(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
     u, v, sigma_u, sigma_v, zncc = at.reshape(-1, *older.grid.shape)
     (spread_u, spread_v), worst = spread.reshape(-1, *older.grid.shape), worst.reshape(older.grid.shape)
     usable = inside & sound.reshape(older.grid.shape)
-    torn = usable & (np.maximum(spread_u, spread_v) > CUT_PX + MAX_CELL_STRAIN * grid.step_px)
-    valid = usable & ~torn
+    discontinuous = usable & (np.maximum(spread_u, spread_v) > CUT_PX + MAX_CELL_STRAIN * grid.step_px)
+    valid = usable & ~discontinuous
     status = np.where(older.valid, np.where(inside, worst, PoiStatus.OUTSIDE_IMAGE), older.status)
-    status = np.where(torn, PoiStatus.INCONSISTENT, status).astype(np.uint8)
+    status = np.where(discontinuous, PoiStatus.INCONSISTENT, status).astype(np.uint8)
 
     def accumulated(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float64]:
         a, b = before**2, after**2

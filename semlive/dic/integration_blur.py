@@ -1,8 +1,8 @@
-"""Smear: a frame integrated from several scans shows the speckle at as many places as the drift led it through.
+"""Blur by integration: a frame that is the mean of several scans contains the speckle at each position that the drift reached.
 
-Two frames that drift smeared unequally do not look alike, and no shape function makes them: where frame 0 was smeared by 4 and 6 px
-and a frame half an hour later by 1 px, displacements err by 0.03 px, differently from point to point, without any noise. So the
-sharper frame is smeared by what it lacks. The drift is read from the frames' own pairs, so nothing needs to be known beforehand.
+Two frames with unequal blur differ in a way that no shape function describes. Example: with a blur of 4 and 6 px in frame 0 and of
+1 px half an hour later, displacements have errors of 0.03 px that vary from point to point, without any noise. Therefore the sharper
+frame is blurred by the difference. The drift is measured between the two frames of each pair.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from semlive.dic.correlate import correlate
 from semlive.dic.reference import Reference
 from semlive.dic.uncertainty import interpolation_noise_gain
 
-MIN_BLUR_PX2 = 0.05  # variance of a smear that costs 0.002 px; the Fourier transforms cost a third of a correlation
-GREY_HEADROOM = 256  # grey levels of 16 bit for one of 8 bit
+MIN_BLUR_PX2 = 0.05  # variance of a blur that causes an error of 0.002 px; its correction takes a third of the time of a correlation
+GREY_HEADROOM = 256  # 16-bit grey levels per 8-bit grey level
 
 Field = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class IntegrationBlur:
-    """The scans of a frame lie on a line, equally far apart.
+    """Blur by scans at equal distances on a line.
 
     Attributes:
-        step_x_px: from one scan to the next.
-        step_y_px: likewise.
-        scans: how many.
+        step_x_px: displacement along x from one scan to the next.
+        step_y_px: displacement along y from one scan to the next.
+        scans: number of scans.
     """
 
     step_x_px: float
@@ -42,41 +42,41 @@ class IntegrationBlur:
 
     @property
     def covariance_px2(self) -> Field:
-        """(2, 2) second moments of the places about their mean."""
+        """(2, 2) covariance of the positions of the scans."""
         step = np.array([self.step_x_px, self.step_y_px])
         return np.outer(step, step) * (self.scans**2 - 1) / 12.0
 
     def transfer_function(self, shape: tuple[int, int]) -> Field:
-        """(height, width // 2 + 1) what the smear leaves of each frequency of a real image."""
+        """(height, width // 2 + 1) transfer function of the blur for the half spectrum of a real image."""
         cycles_y, cycles_x = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])
-        half = np.pi * (cycles_x * self.step_x_px + cycles_y * self.step_y_px)
-        below = np.sin(half)
-        still = np.abs(below) < 1e-9
-        limit = np.cos(self.scans * half) / np.cos(half)  # where both sines vanish
-        return np.where(still, limit, np.sin(self.scans * half) / (self.scans * np.where(still, 1.0, below)))
+        half_phase = np.pi * (cycles_x * self.step_x_px + cycles_y * self.step_y_px)
+        sine = np.sin(half_phase)
+        small = np.abs(sine) < 1e-9
+        limit = np.cos(self.scans * half_phase) / np.cos(half_phase)  # limit where both sines are zero
+        return np.where(small, limit, np.sin(self.scans * half_phase) / (self.scans * np.where(small, 1.0, sine)))
 
 
-def smear_within(dmap: DisparityMap, apart_s: float, scan_s: float, scans: int) -> IntegrationBlur | None:
-    """The smear of a pair's frames, from how far the field went between them; None if that is not known.
+def blur_within_pair(dmap: DisparityMap, interval_s: float, scan_s: float, scans: int) -> IntegrationBlur | None:
+    """Blur of the frames of a pair from the drift between them; None if the drift is unknown.
 
     Args:
-        dmap: between the frames of a pair, in which nothing but the drift moves.
-        apart_s: between their starts.
-        scan_s: from one scan to the next.
-        scans: that make a frame.
+        dmap: map between the frames of a pair, which contains drift only.
+        interval_s: time between the starts of the two frames.
+        scan_s: time from the start of one scan to the next.
+        scans: number of scans per frame.
     """
-    if apart_s <= 0.0 or not dmap.valid.any():
+    if interval_s <= 0.0 or not dmap.valid.any():
         return None
-    rates = (float(np.median(component[dmap.valid])) / apart_s for component in (dmap.u_px, dmap.v_px))
+    rates = (float(np.median(component[dmap.valid])) / interval_s for component in (dmap.u_px, dmap.v_px))
     step_x_px, step_y_px = (rate * scan_s for rate in rates)
     return IntegrationBlur(step_x_px, step_y_px, scans)
 
 
 def missing_blur(first: IntegrationBlur | None, second: IntegrationBlur | None) -> IntegrationBlur | None:
-    """What the second frame must be smeared by to look like the first; None where that is nothing to speak of.
+    """Blur that the second frame lacks in comparison with the first; None if it is negligible.
 
-    Drift keeps its direction better than its speed, so what is missing lies on a line too. A frame that is smeared more than the
-    first one is left as it is.
+    The direction of drift changes less than its speed, so the missing blur is along a line, too. A frame with more blur than the
+    first one is not changed.
     """
     if first is None or second is None or first.scans < 2:
         return None
@@ -88,75 +88,75 @@ def missing_blur(first: IntegrationBlur | None, second: IntegrationBlur | None) 
 
 
 def blur_of_pair(decision: PairDecision, within: DisparityMap) -> IntegrationBlur | None:
-    """How drift smeared a pair's frames, from the map within it; None where a frame is one scan."""
+    """Blur of the frames of a pair by drift, from the map between them; None if a frame is a single scan."""
     timing = decision.first.timing
     if timing.integrations.value < 2:
         return None
-    apart_s = (decision.second.start_time_ns.value - decision.first.start_time_ns.value) / 1e9
-    return smear_within(within, apart_s, timing.frame_time_s.value, timing.integrations.value)
+    interval_s = (decision.second.start_time_ns.value - decision.first.start_time_ns.value) / 1e9
+    return blur_within_pair(within, interval_s, timing.frame_time_s.value, timing.integrations.value)
 
 
 def correlate_with_matched_blur(
     reference: Reference,
     image: NDArray[np.uint8] | NDArray[np.uint16],
     settings: DicSettings,
-    smear: IntegrationBlur | None,
+    blur: IntegrationBlur | None,
     *,
     reference_frame: int,
     current_frame: int,
 ) -> DisparityMap:
-    """`correlate` with the current frame smeared first; addresses within half the smear of the frame's edge are of no use.
+    """Correlate after blurring the current frame; points within half the blur of the edge of the frame are unreliable.
 
-    Smearing takes more noise out of the current frame than the displacement is spared, because it is the noise along the
-    smeared speckle's own gradients that counts: sigma is stated anew.
+    The blur removes more noise from the image than from the displacement, which depends on the noise along the gradients of the
+    blurred speckle. Therefore the standard uncertainties are corrected.
 
     Raises:
         BadInput: the frames differ in size.
-        ValueError: not such an image.
+        ValueError: the image has another form.
     """
-    if smear is None:
+    if blur is None:
         return correlate(reference, image, settings, reference_frame=reference_frame, current_frame=current_frame)
-    passed = smear.transfer_function(image.shape)
-    dmap = correlate(reference, blurred(image, passed), settings, reference_frame=reference_frame, current_frame=current_frame)
-    believed = interpolation_noise_gain(dmap.u_px, *_flat(dmap), dmap.grid.subset_px, settings.interpolation)
-    believed = believed * interpolation_noise_gain(dmap.v_px, *_flat(dmap), dmap.grid.subset_px, settings.interpolation)
-    noise_fraction, felt = _white_left(passed, image.shape), _felt(reference, passed)
-    factor = np.sqrt((1.0 + felt) * (1.0 + believed) / (2.0 * (1.0 + noise_fraction)))
+    transfer = blur.transfer_function(image.shape)
+    dmap = correlate(reference, blurred(image, transfer), settings, reference_frame=reference_frame, current_frame=current_frame)
+    assumed = interpolation_noise_gain(dmap.u_px, *_flat(dmap), dmap.grid.subset_px, settings.interpolation)
+    assumed = assumed * interpolation_noise_gain(dmap.v_px, *_flat(dmap), dmap.grid.subset_px, settings.interpolation)
+    noise_fraction, effective = _noise_fraction(transfer, image.shape), _effective_noise_fraction(reference, transfer)
+    factor = np.sqrt((1.0 + effective) * (1.0 + assumed) / (2.0 * (1.0 + noise_fraction)))
     covariance = None if dmap.covariance_px2 is None else dmap.covariance_px2 * factor**2
     return replace(dmap, sigma_u_px=dmap.sigma_u_px * factor, sigma_v_px=dmap.sigma_v_px * factor, covariance_px2=covariance)
 
 
-def blurred(image: NDArray[np.uint8] | NDArray[np.uint16], passed: Field) -> NDArray[np.uint16]:
-    """A frame smeared, in 16 bit, one of 8 bit with its grey levels ROOM times as large."""
+def blurred(image: NDArray[np.uint8] | NDArray[np.uint16], transfer: Field) -> NDArray[np.uint16]:
+    """Blurred frame in 16 bit; grey levels of an 8-bit frame are multiplied by GREY_HEADROOM."""
     scale = GREY_HEADROOM if image.dtype == np.uint8 else 1
-    spectrum = np.asarray(fft.rfft2(image.astype(np.float32))) * passed.astype(np.float32)
+    spectrum = np.asarray(fft.rfft2(image.astype(np.float32))) * transfer.astype(np.float32)
     grey = np.asarray(fft.irfft2(spectrum, s=image.shape)) * np.float32(scale)
     return np.clip(np.rint(grey), 0, np.iinfo(np.uint16).max).astype(np.uint16)
 
 
 def _flat(dmap: DisparityMap) -> tuple[Field, Field]:
-    """Gradients of no weight: over a subset they wash sub-pixel phases out by less than 1 %."""
-    nothing = np.zeros(dmap.grid.shape)
-    return nothing, nothing
+    """Zero gradients: within a subset, real ones change the sub-pixel phases by less than 1 %."""
+    zero = np.zeros(dmap.grid.shape)
+    return zero, zero
 
 
-def _white_left(passed: Field, shape: tuple[int, int]) -> float:
-    """Part of the variance of white noise that is left."""
-    return float(np.sum(passed**2 * _twice(shape)) / (shape[0] * shape[1]))
+def _noise_fraction(transfer: Field, shape: tuple[int, int]) -> float:
+    """Fraction of the variance of white noise that remains after the blur."""
+    return float(np.sum(transfer**2 * _column_weights(shape)) / (shape[0] * shape[1]))
 
 
-def _felt(reference: Reference, passed: Field) -> float:
-    """Part of the smeared frame's noise that the displacement still feels: that along the reference's gradients."""
-    twice, retained, total = _twice(reference.shape), 0.0, 0.0
+def _effective_noise_fraction(reference: Reference, transfer: Field) -> float:
+    """Fraction of the noise variance of the blurred frame along the gradients of the reference, which affects displacements."""
+    weights, retained, total = _column_weights(reference.shape), 0.0, 0.0
     for gradient in (reference.sums.gradient_x, reference.sums.gradient_y):
-        energy = np.abs(np.asarray(fft.rfft2(gradient))) ** 2 * twice
-        retained += float(np.sum(energy * passed**2))
+        energy = np.abs(np.asarray(fft.rfft2(gradient))) ** 2 * weights
+        retained += float(np.sum(energy * transfer**2))
         total += float(np.sum(energy))
     return retained / total if total > 0.0 else 1.0
 
 
-def _twice(shape: tuple[int, int]) -> Field:
-    """(1, width // 2 + 1) how often each column of a real image's spectrum stands in the whole one."""
+def _column_weights(shape: tuple[int, int]) -> Field:
+    """(1, width // 2 + 1) multiplicity of each column of a half spectrum in the full spectrum of a real image."""
     weight = np.full((1, shape[1] // 2 + 1), 2.0)
     weight[0, 0] = 1.0
     if shape[1] % 2 == 0:

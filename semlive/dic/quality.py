@@ -1,4 +1,4 @@
-"""Is this pattern good enough? Noise, speckle and predicted displacement noise of one frame, before any correlation."""
+"""Pattern quality of one frame before any correlation: noise, speckle and predicted displacement noise."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from semlive.dic.grid import grid_for
 from semlive.dic.reference import prepare
 from semlive.dic.row_registration import gradient_scales, smoothed_gradients
 from semlive.errors import BadInput
-from semlive.kernels import interface
+from semlive.kernels import images
 
-# Fourth difference both ways: of speckle as fine as 3.3 px it passes 0.6 grey where the usual second difference passes 5.
+# Fourth difference along both axes: of speckle of 3.3 px it passes 0.6 grey levels, the usual second difference 5.
 FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 FOURTH_GAIN = 70.0  # root of the sum of squares of the separable stencil
-LOCAL_PX = 65  # noise is estimated over so many pixels around a POI: known to 2 %
-MEDIAN_OF_ABSOLUTE, MEAN_OF_ABSOLUTE = 0.6745, 0.7979  # of a standard normal
-GRADIENT_REACH = 3  # pixels to each side that a smoothed derivative looks at
+LOCAL_PX = 65  # edge of the area around a POI for the noise, which has an uncertainty of 2 %
+MEDIAN_OF_ABSOLUTE, MEAN_OF_ABSOLUTE = 0.6745, 0.7979  # of a standard normal distribution
+GRADIENT_HALF_WIDTH = 3  # pixels on each side in a smoothed derivative
 CORRELATION_PX = 256  # half the largest tile from which the speckle's autocorrelation is taken
 
-GOOD_SIGMA_PX = 0.02  # displacement noise of the method's paper; strain of 1e-4 over 83 px takes 18,000 such points
-MIN_SPECKLE_PX = 3.0  # finer speckle is undersampled and interpolation biased
+GOOD_SIGMA_PX = 0.02  # displacement noise in the paper of the method; strain of 1e-4 over 83 px takes 18,000 such points
+MIN_SPECKLE_PX = 3.0  # finer speckle is undersampled, and interpolation is biased
 MIN_SPECKLES_PER_SUBSET = 9.0  # three by three
 MAX_SATURATED = 0.01
-MIN_CONTRAST_GREY = 10.0  # of 255; below, rounding alone makes a hundredth of the contrast
+MIN_CONTRAST_GREY = 10.0  # of 255; below, rounding is more than a hundredth of the contrast
 MIN_USABLE = 0.95
 MAX_SUBSET_PX = 151
 
@@ -41,32 +41,30 @@ def quality(
     *,
     mask: NDArray[np.bool_] | None = None,
 ) -> PatternQuality:
-    """What a frame's pattern is worth: noise, speckle and the displacement noise that a pair like it will show.
+    """Evaluate the pattern of a frame: noise, speckle, and the displacement noise of a pair of such frames.
 
-    The prediction is the Gauss-Newton covariance of each subset for noise of both frames; on 8 bit speckle with 2, 5 and 10 grey
-    of noise it agrees with what repeated exposures show within 10 %.
+    The prediction is the Gauss-Newton covariance of each subset for noise of both frames; for 8-bit speckle with noise of
+    2, 5 and 10 grey levels it agrees with repeated exposures within 10 %.
 
     Args:
         image: (height, width) uint8 or uint16.
-        grid: the POI; None covers what `settings` say.
-        settings: subset and step; None takes the grid's subset, or the defaults over the whole frame.
-        mask: (height, width) True where the frame may be used; all figures are of that part. None uses all of it.
+        grid: grid of the POI; None: made from `settings`.
+        settings: subset and step; None: those of the grid, or the defaults for the complete frame.
+        mask: (height, width) True where the frame may be used; all figures refer to that part. None: everywhere.
 
     Raises:
-        BadInput: not an image of that kind, a mask of another size or without a used pixel, or the subset does not fit into it.
+        BadInput: the image has another form, the mask has another size or excludes every pixel, or no subset fits.
     """
     if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
-        raise BadInput(
-            "the image is no two-dimensional array of uint8 or uint16: give one channel of grey levels as the detector counted them"
-        )
+        raise BadInput("the image is no two-dimensional array of uint8 or uint16: give one channel of the grey levels of the detector")
     if settings is None:
         settings = DicSettings(roi_px=None) if grid is None else DicSettings(subset_px=grid.subset_px, step_px=grid.step_px, roi_px=None)
     grid = grid or grid_for(settings, image.shape[1], image.shape[0])
     reference = prepare(image, grid, settings, mask)
     mask = None if mask is None or mask.all() else mask
     if mask is not None and not mask.any():
-        raise BadInput("the mask leaves no pixel of the frame: it is True where the frame may be used")
-    grey = interface.to_float32_grey(image, mask)
+        raise BadInput("the mask excludes every pixel of the frame: it must be True where the frame may be used")
+    grey = images.to_float32_grey(image, mask)
     used = 1.0 if mask is None else float(mask.mean())
     pixels = image if mask is None else image[mask]
     noise, local = _noise(grey, grid, mask)
@@ -95,18 +93,18 @@ def quality(
 
 
 def _inner(mask: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
-    """Where a pixel and those up to `margin` away both ways may be used; the frame's edge is no mask."""
+    """Where a pixel and all pixels within `margin` along both axes may be used; the edge of the frame does not count."""
     return np.asarray(ndimage.binary_erosion(mask, np.ones((2 * margin + 1, 2 * margin + 1)), border_value=1), dtype=bool)
 
 
 def noise_stencil(grey: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Absolute fourth difference both ways in units of noise, (height - 4, width - 4); zero where the image is constant."""
+    """Absolute fourth difference along both axes in units of noise, (height - 4, width - 4); zero where the image is constant."""
     difference = cv2.sepFilter2D(grey, cv2.CV_32F, FOURTH, FOURTH)[2:-2, 2:-2]
     return np.asarray(np.abs(difference) / FOURTH_GAIN, dtype=np.float32)
 
 
 def _noise(grey: NDArray[np.float32], grid: Grid, mask: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.float64]]:
-    """White noise: the frame's median and (ny, nx) around each POI, constant (saturated, masked) areas left out."""
+    """White noise: median of the frame, and (ny, nx) around each POI, without constant (saturated, masked) areas."""
     if min(grey.shape) < 5:
         return 0.0, np.zeros(grid.shape)
     stencil = noise_stencil(grey)
@@ -129,9 +127,9 @@ def _noise(grey: NDArray[np.float32], grid: Grid, mask: NDArray[np.bool_] | None
 
 
 def _speckle_size(grey: NDArray[np.float32], noise: float, mask: NDArray[np.bool_] | None) -> tuple[float, float]:
-    """Full widths at half maximum of the autocorrelation along x and y; zero where there is no pattern.
+    """Full widths at half maximum of the autocorrelation along x and y; zero without a pattern.
 
-    With a mask the tile lies about the centre of what is used, and each lag is the mean over the pairs of used pixels.
+    With a mask the tile is centred in the used area, and each lag is the mean over the pairs of used pixels.
     """
     height, width = grey.shape
     y, x = (height // 2, width // 2) if mask is None else (int(np.mean(k)) for k in np.nonzero(mask))
@@ -152,7 +150,7 @@ def _speckle_size(grey: NDArray[np.float32], noise: float, mask: NDArray[np.bool
 
 
 def _autocorrelation(tile: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Sums of products at each lag, the tile surrounded by zeros."""
+    """Sums of products at each lag of the tile, padded with zeros."""
     spectrum = np.asarray(fft.rfft2(tile, s=(2 * tile.shape[0], 2 * tile.shape[1])))
     return np.asarray(fft.irfft2(np.abs(spectrum) ** 2))
 
@@ -173,57 +171,63 @@ def _mean_gradient(grey: NDArray[np.float32], noise: float, mask: NDArray[np.boo
         return 0.0
     along_x, along_y = smoothed_gradients(grey)
     used = 1.0 if mask is None else float(mask.mean())
-    scale_x, scale_y = gradient_scales(grey, along_x, along_y, noise * np.sqrt(used))  # there is none where the mask is
+    scale_x, scale_y = gradient_scales(grey, along_x, along_y, noise * np.sqrt(used))  # masked pixels have no noise
     length = np.hypot(scale_x * along_x, scale_y * along_y)
     if mask is None:
         return float(np.mean(length))
-    inner = _inner(mask, GRADIENT_REACH)
+    inner = _inner(mask, GRADIENT_HALF_WIDTH)
     return float(np.mean(length[inner])) if inner.any() else 0.0
 
 
 def _with_warnings(q: PatternQuality, full_scale: float, usable: float) -> PatternQuality:
-    """The same with what is too poor put into words; `usable` is the part of the points outside the mask that can be correlated."""
+    """Add warnings about figures that are too poor.
+
+    Args:
+        q: figures without warnings.
+        full_scale: largest grey level.
+        usable: fraction of the unmasked points that can be correlated.
+    """
     messages: list[str] = []
     subset = q.grid.subset_px
     if q.saturated_fraction > MAX_SATURATED:
         messages.append(
             f"{100 * q.saturated_fraction:.1f} % of the pixels are saturated (at most {100 * MAX_SATURATED:.0f} % are harmless): "
-            "lower the detector's contrast, or move its brightness to the middle"
+            "reduce the contrast of the detector, or move its brightness to the middle"
         )
-    wanted_grey = MIN_CONTRAST_GREY * full_scale / 255.0
-    if q.contrast_grey < wanted_grey:
+    required_grey = MIN_CONTRAST_GREY * full_scale / 255.0
+    if q.contrast_grey < required_grey:
         messages.append(
-            f"the pattern's contrast is {q.contrast_grey:.1f} grey levels (at least {wanted_grey:.0f} are wanted): "
-            "raise the detector's contrast"
+            f"the contrast of the pattern is {q.contrast_grey:.1f} grey levels (at least {required_grey:.0f} are needed): "
+            "increase the contrast of the detector"
         )
     speckle = (q.speckle_x_px, q.speckle_y_px)
     if 0.0 < min(speckle) < MIN_SPECKLE_PX:
         messages.append(
-            f"the speckle is {min(speckle):.1f} px wide (at least {MIN_SPECKLE_PX:.0f} px are wanted): magnify more, or defocus a little"
+            f"the speckle is {min(speckle):.1f} px wide (at least {MIN_SPECKLE_PX:.0f} px are needed): magnify more, or defocus slightly"
         )
     if 0.0 < q.speckles_per_subset < MIN_SPECKLES_PER_SUBSET:
         required = _odd(float(np.sqrt(MIN_SPECKLES_PER_SUBSET * speckle[0] * speckle[1])))
         messages.append(
-            f"a subset of {subset} px holds {q.speckles_per_subset:.1f} speckles of {speckle[0]:.0f} x {speckle[1]:.0f} px "
-            f"(at least {MIN_SPECKLES_PER_SUBSET:.0f} are wanted): take a subset of {required} px, or magnify less"
+            f"a subset of {subset} px contains {q.speckles_per_subset:.1f} speckles of {speckle[0]:.0f} x {speckle[1]:.0f} px "
+            f"(at least {MIN_SPECKLES_PER_SUBSET:.0f} are needed): use a subset of {required} px, or reduce the magnification"
         )
     if usable < MIN_USABLE:
         messages.append(
             f"{100 * (1 - usable):.0f} % of the points have too little contrast to be correlated: "
-            "mask what bears no pattern, take a larger subset, or dwell longer"
+            "mask areas without a pattern, use a larger subset, or a longer dwell time"
         )
     sigma = max(q.median_sigma_px)
     if sigma > GOOD_SIGMA_PX:
         ratio = sigma / GOOD_SIGMA_PX
         required = _odd(subset * ratio)
-        larger = f"take a subset of {required} px, or " if required <= MAX_SUBSET_PX else ""
+        larger = f"use a subset of {required} px, or " if required <= MAX_SUBSET_PX else ""
         messages.append(
-            f"displacements will have a noise of {sigma:.3f} px ({GOOD_SIGMA_PX} px is good): "
-            f"{larger}dwell {ratio**2:.1f} times as long, or raise the contrast"
+            f"displacements have an expected noise of {sigma:.3f} px ({GOOD_SIGMA_PX} px is good): "
+            f"{larger}increase the dwell time {ratio**2:.1f} times, or the contrast"
         )
     return PatternQuality(**{name: getattr(q, name) for name in q.__slots__ if name != "warnings"}, warnings=tuple(messages))
 
 
 def _odd(value: float) -> int:
-    """The smallest odd number that is not smaller."""
+    """Smallest odd integer that is not below a value."""
     return 2 * int(np.ceil((value - 1.0) / 2.0)) + 1

@@ -1,4 +1,4 @@
-"""First guesses for points that failed, from neighbours that did not."""
+"""Initial guesses of failed points from converged neighbours."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ from numpy.typing import NDArray
 
 from semlive.kernels import interface
 
-OTHER_SIDE_PX = 1.0  # two guesses further apart than this are two motions
+MIN_DISCREPANCY_PX = 1.0  # guesses that differ by more belong to different motions
 
 
 def neighbour_seeds(
     solutions: interface.Solutions, fresh: NDArray[np.bool_], step_px: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.bool_]]:
-    """First guesses extrapolated with their gradients from the eight neighbours.
+    """Extrapolate initial guesses with their gradients from the eight neighbours.
 
-    Beside a crack the neighbour that correlates best may be on the other side; then the best of those that disagree with it is
-    worth a second try.
+    At a crack the neighbour with the largest ZNCC may lie on the other side. Therefore the best neighbour with a different motion
+    gives a second guess.
 
     Args:
-        solutions: what is known.
+        solutions: results so far.
         fresh: (ny, nx) points to extrapolate from.
         step_px: distance of the points.
 
     Returns:
-        The guess of the best neighbour (ny, nx, n), where there is one, that of the best neighbour that contradicts it, and
-        where there is one.
+        Guess (ny, nx, n) of the best neighbour and (ny, nx) whether it exists; guess of the best neighbour with a different motion
+        and whether it exists.
     """
     values = _extrapolated(solutions, fresh, step_px)
     first, score = _best(values)
-    second, second_score = _best([(p, np.where(seed_distance(p, first) > OTHER_SIDE_PX, z, 0.0)) for p, z in values])
+    second, second_score = _best([(p, np.where(seed_distance(p, first) > MIN_DISCREPANCY_PX, z, 0.0)) for p, z in values])
     return first, score > 0.0, second, second_score > 0.0
 
 
 def _extrapolated(
     solutions: interface.Solutions, fresh: NDArray[np.bool_], step_px: int
 ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """For each of the eight neighbours its guess and its ZNCC, zero where there is none."""
+    """Guess and ZNCC from each of the eight neighbours, zero without neighbour."""
     ny, nx = fresh.shape
     score = np.where(fresh, solutions.zncc, 0.0)
     values = []
@@ -65,5 +65,5 @@ def _best(values: list[tuple[NDArray[np.float64], NDArray[np.float64]]]) -> tupl
 
 
 def seed_distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance of two guesses' displacements."""
+    """Distance between the displacements of two guesses, px."""
     return np.hypot(a[..., 0] - b[..., 0], a[..., 3] - b[..., 3])

@@ -1,8 +1,8 @@
-"""Row registration: how far each scan line of a pair lies from where the smooth disparity puts it.
+"""Row registration: displacement of each scan row of a pair relative to the smooth disparity.
 
-A subset of 43 rows averages a 50 Hz wave at 0.107 s rows down to a 60th, so disparity maps cannot see what happens from row to
-row. Here the current image is displaced by the smooth map and what is left is fitted, row by row and segment by segment, with a
-shift in x, one in y and an offset of grey.
+A subset of 43 rows reduces a 50 Hz wave at a row time of 0.107 s to a 60th, so disparity maps do not show displacements from row to row.
+Here the current image is displaced by the smooth map, and the residual of each row and segment is fitted with a shift in x, a shift in
+y and a grey offset.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap, RowJitter, RowShifts
 from semlive.dic.uncertainty import interpolation_noise_gain
 from semlive.errors import BadInput
-from semlive.kernels import interface
+from semlive.kernels import images
 from semlive.kernels import row_registration as kernel
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Plane = NDArray[np.float64]
 
-LINEAR_PX = 0.25  # up to here one linearisation is good to 0.2 % of the shift; beyond, a second one is made about the first's result
-MIN_PIXELS = 40  # of a segment
+LINEAR_PX = 0.25  # up to this shift one linearisation has an error of 0.2 %; above, a second one starts from the first result
+MIN_PIXELS = 40  # smallest number of pixels of a segment
 MAX_SIGMA_PX = 1.0  # a row or segment without contrast is not registered
-DETREND_ROWS = 43  # jitter is what changes within a subset; slower change is the smooth map's business
-# The instruments: derivative along one axis, smoothed along both. They pass 0.031 and 0.043 of the noise's variance (the
-# spline's derivative 1.3, Sobel 0.19) and all but 4 % of the information in speckle of 6.7 px.
+DETREND_ROWS = 43  # slower changes are in the smooth map and do not count as jitter
+# Instruments: derivative along one axis, smoothed along both. They pass 0.031 and 0.043 of the variance of noise (derivative of the
+# spline 1.3, Sobel 0.19) and 96 % of the information in speckle of 6.7 px.
 SMOOTH3 = np.array([1.0, 2.0, 1.0]) / 4.0
 SMOOTH5 = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 ALONG_X = np.array([-1.0, -4.0, -5.0, 0.0, 5.0, 4.0, 1.0]) / 32.0
@@ -48,7 +48,7 @@ class _Normal:
     degrees: Plane
 
     def over_segments(self) -> _Normal:
-        """One set of equations for each row, every segment with an offset of its own."""
+        """One set of equations for each row; every segment has its own offset."""
         return _Normal(*(getattr(self, field.name).sum(axis=1) for field in fields(self)))
 
 
@@ -66,28 +66,28 @@ class _Shift:
 def register_rows(
     reference: Image, current: Image, disparity: DisparityMap, *, segments: int = 6, mask: NDArray[np.bool_] | None = None
 ) -> RowShifts:
-    """Shift of every row of the reference, and of `segments` pieces of each, beyond the smooth disparity of the pair.
+    """Measure the shift of every row of the reference, and of its segments, relative to the smooth disparity of the pair.
 
-    The gradients that turn grey levels into shifts are smoothed ones, scaled by regression on the spline's derivative with the
-    noise's part taken out (errors in variables): a plain fit loses 11 to 40 % of the amplitude at 5 to 10 % image noise.
-    Beyond the disparity map's grid its affine part is continued and the rest held constant.
+    The gradients are smoothed, and scaled by a regression on the derivative of the spline that is corrected for noise (errors in
+    variables); an ordinary fit loses 11 to 40 % of the amplitude at image noise of 5 to 10 %. Outside the grid of the disparity map
+    its affine part is extrapolated and its residual is constant.
 
     Args:
-        reference: (height, width) uint8 or uint16, the frame that the rows belong to.
-        current: (height, width), same size.
-        disparity: from `correlate`, of these two frames.
-        segments: pieces along x.
-        mask: (height, width) True where the reference may be used; None uses all of it.
+        reference: (height, width) uint8 or uint16, the frame of the rows.
+        current: (height, width), of the same size and type.
+        disparity: map of these two frames, from `correlate`.
+        segments: number of segments along x.
+        mask: (height, width) True where the reference may be used; None: everywhere.
 
     Raises:
-        BadInput: unlike sizes, fewer than three converged POI, or more segments than the width has room for.
-        ValueError: not such images.
+        BadInput: the sizes differ, fewer than three POI converged, or the segments would be too short.
+        ValueError: the images have another form.
     """
-    f, g = interface.to_float32_grey(reference), interface.to_float32_grey(current)
+    f, g = images.to_float32_grey(reference), images.to_float32_grey(current)
     _check(f, g, disparity, segments, mask)
     height, width = f.shape
     gradients = smoothed_gradients(f)
-    coefficients = interface.coefficients(g)
+    coefficients = images.coefficients(g)
     usable = (reference > 0) & (reference < np.iinfo(reference.dtype).max)
     if mask is not None:
         usable &= mask
@@ -114,10 +114,10 @@ def register_rows(
 
 
 def row_jitter(shifts: RowShifts) -> RowJitter:
-    """White jitter of the rows of one frame, from how much row shifts change within a subset beyond what noise explains.
+    """White jitter of the rows of one frame: variance of the row shifts within a subset minus that of the noise.
 
-    Both frames are taken to jitter alike; at fractional disparity along y, interpolation averages some of the current frame's
-    jitter away, which is made up for.
+    Both frames are assumed to have equal jitter. At fractional disparity along y, interpolation attenuates the jitter of the current
+    frame, which is corrected.
 
     Args:
         shifts: from `register_rows`.
@@ -149,13 +149,13 @@ def smoothed_gradients(image: NDArray[np.float32]) -> tuple[NDArray[np.float32],
 def gradient_scales(
     image: NDArray[np.float32], along_x: NDArray[np.float32], along_y: NDArray[np.float32], noise_grey: float
 ) -> tuple[float, float]:
-    """Factors that make the instruments the best guess of the true derivatives: regression, the noise's part taken out.
+    """Factors from the instruments to the best linear estimate of the true derivatives: regression corrected for noise.
 
     Args:
         image: (height, width) grey levels.
         along_x: from `smoothed_gradients`.
         along_y: from `smoothed_gradients`.
-        noise_grey: standard deviation of the image's noise.
+        noise_grey: standard deviation of the noise of the image.
     """
     spline_x = _spline_stencil(ALONG_X.size // 2) @ ALONG_X * SMOOTH3[1]
     spline_y = _spline_stencil(ALONG_Y.size // 2) @ ALONG_Y * SMOOTH5[2]
@@ -165,16 +165,16 @@ def gradient_scales(
 
 
 def _scale(lines: NDArray[np.float32], instrument: NDArray[np.float32], noise_part: float) -> float:
-    derivative = interface.spline_line_derivative(np.ascontiguousarray(lines))[:, 2:-2]
+    derivative = images.spline_line_derivative(np.ascontiguousarray(lines))[:, 2:-2]
     smooth = instrument[:, 3:-3]
     energy = float(np.mean(smooth**2))
     return max(float(np.mean(smooth * derivative)) - noise_part, 0.05 * energy) / energy if energy > 0.0 else 1.0
 
 
-def _spline_stencil(reach: int) -> Plane:
-    """Weights, at distances -reach..reach, of the interpolating cubic spline's derivative at a sample."""
+def _spline_stencil(half_width: int) -> Plane:
+    """Weights of the derivative of the interpolating cubic spline at a sample, for distances -half_width to half_width."""
     pole = np.sqrt(3.0) - 2.0
-    k = np.arange(-reach, reach + 1)
+    k = np.arange(-half_width, half_width + 1)
     return 0.5 * np.sqrt(3.0) * (pole ** np.abs(k - 1) - pole ** np.abs(k + 1))
 
 
@@ -184,15 +184,15 @@ def _check(f: NDArray, g: NDArray, disparity: DisparityMap, segments: int, mask:
         raise BadInput(f"the reference is {width} x {height} px but the current frame {w1} x {h1} px: give frames of one size")
     if mask is not None and mask.shape != (height, width):
         raise BadInput(f"the mask is {mask.shape[1]} x {mask.shape[0]} px but the frames {width} x {height} px: give a mask of their size")
-    room = (width - 2 * kernel.MARGIN_PX) // MIN_PIXELS
-    if not 1 <= segments <= room:
-        raise BadInput(f"rows of {width} px have room for 1 to {room} segments of {MIN_PIXELS} px, not {segments}: ask for fewer")
+    most = (width - 2 * kernel.MARGIN_PX) // MIN_PIXELS
+    if not 1 <= segments <= most:
+        raise BadInput(f"rows of {width} px can have 1 to {most} segments of {MIN_PIXELS} px, not {segments}: use fewer")
     if int(disparity.valid.sum()) < 3:
-        raise BadInput("fewer than three points of the disparity map converged: rows can only be registered where the frames match")
+        raise BadInput("fewer than three points of the disparity map converged: row registration needs frames that match")
 
 
 def _smooth_field(disparity: DisparityMap, values: Plane) -> tuple[Plane, NDArray[np.float32]]:
-    """Affine part (constant, slopes along x and y) and the rest at the nodes; failed POI get their neighbours' average."""
+    """Affine part (constant, slopes along x and y) and residual at the nodes; failed POI get the mean of their neighbours."""
     x, y = disparity.grid.mesh()
     valid = disparity.valid
     x_scale, y_scale = x - x.mean(), y - y.mean()
@@ -209,12 +209,12 @@ def _smooth_field(disparity: DisparityMap, values: Plane) -> tuple[Plane, NDArra
 
 
 def _blurred_sd(image: NDArray[np.float32]) -> float:
-    """Contrast with most of the noise averaged away."""
+    """Contrast of the smoothed image, with little noise."""
     return float(np.std(cv2.sepFilter2D(image, cv2.CV_32F, SMOOTH5, SMOOTH5)))
 
 
 def _passed(disparity: DisparityMap) -> tuple[float, float]:
-    """Parts of the current frame's noise variance that interpolation passes: both ways, and across rows alone; means."""
+    """Mean fractions of the noise variance of the current frame that interpolation passes: along both axes, and along y."""
     u, v = disparity.u_px[disparity.valid], disparity.v_px[disparity.valid]
     none = np.zeros_like(u)
     across_rows = interpolation_noise_gain(v, none, none, 1)
@@ -224,9 +224,9 @@ def _passed(disparity: DisparityMap) -> tuple[float, float]:
 def _normal(sums: Plane) -> _Normal:
     k = kernel
     n = sums[..., k.COUNT]
-    enough = n >= MIN_PIXELS
-    s = np.where(enough[..., None], sums, 0.0)
-    over_n = np.where(enough, 1.0 / np.maximum(n, 1.0), 0.0)
+    sufficient = n >= MIN_PIXELS
+    s = np.where(sufficient[..., None], sums, 0.0)
+    over_n = np.where(sufficient, 1.0 / np.maximum(n, 1.0), 0.0)
 
     def about_means(product: int, a: int, b: int) -> Plane:
         return s[..., product] - s[..., a] * s[..., b] * over_n
@@ -234,12 +234,12 @@ def _normal(sums: Plane) -> _Normal:
     return _Normal(
         xx=about_means(k.XX, k.X, k.X), xy=about_means(k.XY, k.X, k.Y), yy=about_means(k.YY, k.Y, k.Y),
         xd=about_means(k.XD, k.X, k.D), yd=about_means(k.YD, k.Y, k.D), dd=about_means(k.DD, k.D, k.D),
-        pixels=s[..., k.COUNT], degrees=np.where(enough, n - 1.0, 0.0),
+        pixels=s[..., k.COUNT], degrees=np.where(sufficient, n - 1.0, 0.0),
     )  # fmt: skip
 
 
 def _noise_grey(rows: _Normal, passed: float) -> float:
-    """Noise of one frame from the median row's residual: the reference's noise and what interpolation passes of the current's."""
+    """Noise of one frame from the median residual of the rows, which contains the noise of both frames after interpolation."""
     determinant = rows.xx * rows.yy - rows.xy**2
     use = (rows.degrees > MIN_PIXELS) & (determinant > 0.0)
     if not use.any():
@@ -250,7 +250,7 @@ def _noise_grey(rows: _Normal, passed: float) -> float:
 
 
 def _solve(equations: _Normal, scale: tuple[float, float], variance: float) -> _Shift:
-    """Shifts that explain the difference; a shift by +r makes the displaced current image fall short by gradient times r."""
+    """Shifts from the normal equations; a shift of +r reduces the displaced current image by gradient times r."""
     e = equations
     sx, sy = scale
     xx, xy, yy = e.xx * sx * sx, e.xy * sx * sy, e.yy * sy * sy

@@ -1,13 +1,13 @@
 """Inverse-compositional Gauss-Newton for an affine or second-order subset under ZNSSD.
 
-Baker, Matthews 2004, doi:10.1023/B:VISI.0000011205.11775.fd; Pan, Li, Tong 2013, doi:10.1007/s11340-012-9695-2.
+Baker, Matthews 2004, doi:10.1023/B:VISI.0000011205.11775.fd; Pan, Li, Tong 2013, doi:10.1007/s11340-013-9717-6.
 
-With the reference's sums known, ZNSSD and its gradient need seven sums of the interpolated image only (nine for second order).
-They are gathered column by column, four rows at a time, and columns are added up once, at the subset's end, which needs no wider
-sums than float32: a column has 43 terms.
-A row of the subset is cut where it crosses a pixel boundary of the current image, so that inside a piece the taps are
-contiguous; rows and pieces are padded to LANES (43 -> 48 px), and weights of 0 take out what does not count: the padding and
-masked pixels alike.
+With the sums of the reference, ZNSSD and its gradient need only seven sums of the interpolated image (nine for second order).
+They are accumulated column by column, four rows at a time, and the columns are added once, at the end of the subset. Therefore
+float32 sums are sufficient: a column has 43 terms.
+A row of the subset is divided where it crosses a pixel boundary of the current image, so that the taps of a piece are
+contiguous. Rows and pieces are padded to LANES (43 -> 48 px); weights of 0 exclude the padding and masked pixels.
+
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from semlive.kernels.interpolate import EIGHT, FOUR, LANES, SCALE, THREE, TWO, c
 from semlive.kernels.warp import AFFINE, QUADRATIC, compose_inverse, move, reach, solve
 
 CONVERGED, NOT_CONVERGED, LOW_ZNCC, OUTSIDE_IMAGE = 0, 1, 2, 3  # as in semlive.data.disparity.PoiStatus
-EDGE_SLACK_PX = 0.05  # into the mirrored border: costs 1e-3 px at most, keeps edge subsets that did not move
-MAX_GRADIENT = 0.5  # a subset that turns inside out has lost its way
+EDGE_SLACK_PX = 0.05  # into the mirrored border: causes an error of at most 1e-3 px, and accepts edge subsets without motion
+MAX_GRADIENT = 0.5  # larger gradients indicate divergence
 SKIP, SEEDED, SEED_FROM_NEIGHBOUR = 0, 1, 2
-INITIAL_LEARNING_RATE, MIN_LEARNING_RATE, LEARNING = 0.25, 0.0125, 0.25  # of convergence: what is left of an update in the next one
-BLOCK = 256  # columns summed at a time; a constant, for the vectoriser then knows that the sums do not overlap
+INITIAL_LEARNING_RATE, MIN_LEARNING_RATE, LEARNING = 0.25, 0.0125, 0.25  # ratio of consecutive updates
+BLOCK = 256  # columns summed at once; constant, so that the vectoriser can exclude overlapping sums
 SUMS = 9
 CUBIC_SCALE, QUINTIC_SCALE = SCALE[3], SCALE[5]
-G_G, G_F, X, X_DY, Y, Y_DY, X_DY2, Y_DY2 = (uint64(k * BLOCK) for k in range(1, SUMS))  # places of the sums; that of g is 0
+G_G, G_F, X, X_DY, Y, Y_DY, X_DY2, Y_DY2 = (uint64(k * BLOCK) for k in range(1, SUMS))  # positions of the sums; that of g is 0
 
 
 def border_of(order: int) -> int:
-    """Mirrored coefficients around the frame that a spline of this order needs."""
+    """Number of mirrored coefficients around the frame for a spline of this order."""
     return order // 2 + 1
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _steps_inside(position, slope, limit):
-    """How many steps of `slope` stay in the same unit cell, counting the first; at most `limit`."""
+    """Number of steps of `slope` within the same unit cell, including the first; at most `limit`."""
     if slope > 0.0:
         room = np.ceil((np.floor(position) + 1.0 - position) / slope)
     elif slope < 0.0:
@@ -49,7 +49,7 @@ def _steps_inside(position, slope, limit):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _piece_length(position, slope, curvature, limit):
-    """As `_steps_inside` for a parabola: its secants' slopes lie between those of its first and last step."""
+    """As `_steps_inside` for a parabola, whose secants have slopes between those of the first and the last step."""
     count = _steps_inside(position, slope + curvature, limit)
     if curvature == 0.0 or count == 1:
         return count
@@ -278,17 +278,17 @@ def correlate_row(
 ):  # fmt: skip
     """Correlate one row of POI, from left to right.
 
-    `c` is an image laid out as one line, `stride_c` floats a row: a view of a row would cost more (two counted references) than
-    the arithmetic on it. So is `planes`, for each row the reference's grey levels and its derivatives along x and y, `pitch` floats
-    each. `valid` is an image of 0 and 1 of this pitch, or empty if all pixels count;
-    `row_weights` are 1 for a row's pixels, 0 for its padding.
+    `c` is a flattened image with `stride_c` floats per row, because a view of a row (two counted references) takes longer than
+    the arithmetic. `planes` is flattened, too: for each row the grey levels of the reference and its derivatives along x and y, with
+    `pitch` floats each. `valid` is an image of 0 and 1 of this pitch, or empty if all pixels count;
+    `row_weights` are 1 for the pixels of a row, 0 for its padding.
 
-    Iteration stops when the next update, were it four times as large as expected, would move no corner by more than `tolerance_px`.
-    How much of an update the next one is, is learned along the row: 0.02 on speckle of 6.7 px, 0.3 on what Sobel hardly sees.
-    At 2 grey of noise that takes 1.5 iterations instead of 2.0 with a plain limit and leaves 2e-5 px (noise is 5e-3 px).
+    The iteration stops if four times the expected next update moves no corner by more than `tolerance_px`.
+    The ratio of consecutive updates is learned along the row: 0.02 for speckle of 6.7 px, 0.3 for speckle near the Sobel limit.
+    With noise of 2 grey levels this takes 1.5 iterations instead of 2.0, with an error of 2e-5 px (noise is 5e-3 px).
 
-    A POI marked CHAINED starts from its left neighbour's solution if that converged in this call, else, like one marked
-    SEEDED, from `seed`; one marked SKIP is left alone. A POI that moves more than `max_travel_px` from its start is given up.
+    A POI marked SEED_FROM_NEIGHBOUR starts from the solution of its left neighbour if that converged in this call, otherwise, like
+    a POI marked SEEDED, from `seed`. A POI marked SKIP is not changed. A POI more than `max_travel_px` from its start is abandoned.
     """
     height = c.size // stride_c - 2 * (order // 2 + 1)
     count = gradient_sum.shape[1]
@@ -365,7 +365,7 @@ def correlate_rows(
     gradient_sum, gradient_image_sum, lower, todo, seed, max_iterations, tolerance_px, min_zncc, max_travel_px, p, curvature, zncc,
     status, iterations,
 ):  # fmt: skip
-    """Rows first..last-1 of POI by `correlate_row`: taking rows of arrays apart here costs a tenth of what it does outside."""
+    """Rows first..last-1 of POI by `correlate_row`; slicing the rows of arrays here takes a tenth of the time of slicing in Python."""
     for j in range(first, last):
         wanted = False
         for i in range(todo.shape[1]):

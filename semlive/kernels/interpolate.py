@@ -1,8 +1,8 @@
 """B-spline interpolation along a piece of a line that moves slowly against the pixels, written for the vectoriser.
 
-Within a piece all pixels share their taps' offsets, so the taps are contiguous in memory. Positions are quadratic in the index,
-as a second-order shape function needs; an affine one passes curvatures of zero as constants, which costs nothing. The result is
-left multiplied by what makes the weights' denominators whole (`SCALE`), for whoever sums it up.
+Within a piece all pixels have the same offsets of taps, so the taps are contiguous in memory. Positions are quadratic in the index, as
+a second-order shape function needs; an affine one passes constant curvatures of zero, which take no time. The result is multiplied by
+the common denominator of the weights (`SCALE`).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ def cubic_piece(c, tap, stride, out, at, ramp, count, tx, ux, uxx, ty, vx, vxx, 
     """Write 36 times the interpolated image, less `offset`, to out[at : at + count].
 
     `tap` is the position in `c` of the first of four taps of the first pixel on the first of four rows, `tx` and `ty` are the
-    phases there, `ux`, `uxx`, `vx`, `vxx` their changes by the index and its square. `count` is a multiple of LANES; the loop's
-    bound says so to the compiler. Indices are unsigned: signed ones are checked for wrapping around, which costs 4x.
+    phases there, `ux`, `uxx`, `vx`, `vxx` their changes by the index and its square. `count` is a multiple of LANES; the bound
+    of the loop passes this to the compiler. Indices are unsigned, because checks of signed ones take four times as long.
     """
     one, three, four, six = np.float32(1.0), np.float32(3.0), np.float32(4.0), np.float32(6.0)
     a0 = tap

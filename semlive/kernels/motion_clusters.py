@@ -1,4 +1,4 @@
-"""Groups of points of a map whose motions agree from one to the next."""
+"""Clusters of neighbouring points of a map with agreeing motions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _root(parent, k):
 
 @njit(nogil=True, cache=True)
 def _gap(here, there, slope_here, slope_there, half):
-    """What is left of the difference of two neighbours after both slopes."""
+    """Difference of two neighbours after subtraction of both slopes."""
     return abs(there - here - np.float64(half * (slope_here + slope_there)))
 
 
@@ -66,19 +66,19 @@ def cluster_sizes(
     half_step_px: float,
     apart_px: float,
 ) -> NDArray[np.int32]:
-    """(ny, nx) points in the group of each point, itself included; 0 where not `candidates`.
+    """Return (ny, nx) number of points in the cluster of each point, itself included; 0 where not `candidates`.
 
-    Neighbours along x or y are of one group if u and v differ by no more than `apart_px` and SIGMAS standard uncertainties from
-    what their slopes say.
+    Neighbours along x or y belong to one cluster if u and v, after subtraction of the slopes, differ by no more than `apart_px` plus
+    SIGMAS standard uncertainties.
 
     Args:
         u_px: (ny, nx) displacement along x.
-        v_px: (ny, nx) along y.
+        v_px: (ny, nx) displacement along y.
         gradient: (ny, nx, 4) du/dx, du/dy, dv/dx, dv/dy.
         sigma_px: (ny, nx) standard uncertainty.
         candidates: (ny, nx) points that count.
         half_step_px: half the distance of neighbours.
-        apart_px: what is let pass.
+        apart_px: largest accepted difference.
 
     Raises:
         ValueError: arrays of wrong dtype, shape or layout.

@@ -56,8 +56,8 @@ def _bin_of(count, k):
 
 @njit(nogil=True, cache=True)
 def _narrowed(bits, n, k, shift):
-    """Those of the first n that share a bin with rank k, how many are less, and the least that is more."""
-    count = np.zeros((2, BINS), dtype=np.int64)  # in turns: a count waits for the last one of its bin
+    """Values of the first n in the bin of rank k, their number, the number of smaller values, and the smallest larger value."""
+    count = np.zeros((2, BINS), dtype=np.int64)  # two alternating counters, because an increment waits for the previous one of its bin
     mask, most = np.uint32(BINS - 1), np.uint32(0xFFFFFFFF)
     for i in range(n):
         count[i & 1, (bits[i] >> shift) & mask] += 1
@@ -65,7 +65,7 @@ def _narrowed(bits, n, k, shift):
     inside = count[0, wanted] + count[1, wanted]
     some = np.empty(n + 1, dtype=np.uint32)
     m = 0
-    for i in range(n):  # no branch, which could not be foreseen
+    for i in range(n):  # without a branch, which could not be predicted
         some[m] = bits[i]
         m += np.int64((bits[i] >> shift) & mask == wanted)
     least = most
@@ -79,7 +79,7 @@ def _narrowed(bits, n, k, shift):
 def middle_bits(bits, n):
     """Bits of the two middle values of the first n of positive float32 in `bits` (uint32), which order as the values do.
 
-    Each value is looked at twice, in order; NumPy's partition of 33,000 takes four times as long.
+    Each value is read twice, in order; NumPy's partition of 33,000 takes four times as long.
     """
     low, high = (n - 1) // 2, n // 2
     some, m, before, beyond = _narrowed(bits, n, low, UPPER)

@@ -285,13 +285,13 @@ def sum_rows(
 ):  # fmt: skip
     """Fill rows first..last-1 of POI.
 
-    `planes` holds for each row of the image its grey levels and both gradients, `pitch` floats each; `valid` is an image of 0
+    `planes` contains for each row of the image its grey levels and both gradients, `pitch` floats each; `valid` is an image of 0
     and 1 laid out with the same pitch, or empty if all pixels count.
 
     Per POI: `pixels` that are valid, their `mean` and `norm` (root of the centred sum of squares), the sums of the
     derivatives, their sums with the centred image, the Cholesky factor of the Gauss-Newton matrix, the variances of u and v
-    for unit noise and their covariance, and `sssig`, the smaller eigenvalue of the 2x2 sum of squared gradients. A matrix that
-    cannot be factored leaves `variance_u` zero.
+    for unit noise and their covariance, and `sssig`, the smaller eigenvalue of the 2x2 sum of squared gradients. If the matrix
+    cannot be factored, `variance_u` is zero.
     """
     size = 2 * half + 1
     nx, count = gradient_sum.shape[1:]

@@ -1,10 +1,10 @@
-"""Work over threads: those that call, and helpers, never more of these than are allowed in the whole process.
+"""Distribution of work over threads: the calling threads and a limited number of helper threads per process.
 
-Threads, not numba's own parallel loops: every kernel releases the interpreter lock, a result never depends on how work was
-dealt out, nothing breaks in a forked process (GNU OpenMP aborts there), and compiling takes half as long.
+Threads are used instead of the parallel loops of numba: every kernel releases the interpreter lock, a result does not depend on the
+distribution of work, forked processes work (GNU OpenMP aborts in them), and compiling takes half as long.
 
-Whoever calls works too, and takes on helpers while there are fewer than allowed. It looks for one before each piece of work, so that
-a thread that another chain of work has done with goes on with this one.
+The calling thread works, too, and starts helpers up to the limit. It checks the limit before each piece of work, so that helpers that
+become free are used.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numba.core import config
 A = TypeVar("A")
 B = TypeVar("B")
 
-_helping: list[None] = []  # one for each thread at work beside those that called; appending and popping are atomic
+_helping: list[None] = []  # one entry for each helper at work; appending and popping are atomic
 
 
 def thread_count() -> int:
@@ -28,10 +28,11 @@ def thread_count() -> int:
 
 
 class _Helper(Generic[A]):
-    """Work done beside the caller's, unless the caller has done with its own before it began: then whoever waits does it.
+    """Work of a helper thread; if the thread has not started it when the result is needed, the calling thread does it.
 
-    Nobody waits for a thread to begin. Where memory is refused it may end before it runs a line, and `threading.Thread.start` then waits
-    for good: the analysis of a run hung in it. A thread of its own each: a pool's queue and locks cost as much again as beginning one.
+    The caller does not wait for the start of the thread. Without memory a thread can end before its first line, and
+    `threading.Thread.start` then waits forever (this blocked an analysis). Each helper is a new thread, because the queue and the locks
+    of a pool take as long as starting a thread.
     """
 
     def __init__(self, work: Callable[[], A]) -> None:

@@ -1,1 +1,1 @@
-"""The live page: a process of its own that only reads the log, and shows it to browsers."""
+"""The live page: a separate process that only reads the log, and shows it to browsers."""

@@ -18,15 +18,15 @@ from semlive.web.app import ControlAddress, make_app
 from semlive.web.broadcaster import LogBroadcaster
 from semlive.web.connection import bounded
 
-_ENDING_S = 1
+_SHUTDOWN_TIMEOUT_S = 1
 _BACKLOG = 16
-# Connections that wait in the system; so few that a flood of connections delays other requests by tenths of a second only.
-_WAITING = 256
+# Connections that wait in the operating system; few, so that many new connections delay other requests by tenths of a second only.
+_SYSTEM_BACKLOG = 256
 _KEEP_ALIVE_S = 15
-_LAST_WORDS_S = 2.0
-_SHOWN_S = 0.5
-_FETCHED_S = 1.5
-_LONGEST_S = 10.0
+_MAX_LOG_END_S = 2.0
+_DISPLAY_S = 0.5
+_IDLE_S = 1.5
+_MAX_VIEWERS_S = 10.0
 
 
 def main() -> None:
@@ -34,11 +34,11 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("log", type=Path)
     parser.add_argument("--host", required=True)
-    parser.add_argument("--port", type=int, required=True, help="0 lets the system choose; so does a port that is taken, with --or-any")
+    parser.add_argument("--port", type=int, required=True, help="0 lets the system choose; so does a port in use, with --or-any")
     parser.add_argument("--or-any", action="store_true")
     parser.add_argument("--name", action="append", default=[], help="further name of this computer")
     parser.add_argument("--control", type=int, help="port on loopback where the run listens")
-    parser.add_argument("--token-sha256", help="of the run's token, in hexadecimal; needed with --control")
+    parser.add_argument("--token-sha256", help="SHA-256 of the token of the run, in hexadecimal; needed with --control")
     parser.add_argument("--exit-with-stdin", action="store_true")
     arguments = parser.parse_args()
     if (arguments.control is None) != (arguments.token_sha256 is None):
@@ -57,10 +57,10 @@ def main() -> None:
         access_log=False,
         ws="none",
         server_header=False,
-        # Connections that are accepted before any is read: far fewer than the limit, so that none is closed before its request was read.
+        # Connections that are accepted before the first is read: far below the limit, so that each request is read first.
         backlog=_BACKLOG,
         timeout_keep_alive=_KEEP_ALIVE_S,
-        timeout_graceful_shutdown=_ENDING_S,
+        timeout_graceful_shutdown=_SHUTDOWN_TIMEOUT_S,
     )
     server = _Server(config)
     if arguments.exit_with_stdin:
@@ -76,15 +76,15 @@ class _Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start listening."""
         await super().startup(sockets)
-        for one in sockets or ():
-            one.listen(_WAITING)
+        for listener in sockets or ():
+            listener.listen(_SYSTEM_BACKLOG)
 
 
 def _listen(host: str, port: int, or_any: bool) -> socket.socket:
-    """A listening socket.
+    """Create a listening socket.
 
     Raises:
-        OSError: the address cannot be had.
+        OSError: the address is not available.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
@@ -96,21 +96,21 @@ def _listen(host: str, port: int, or_any: bool) -> socket.socket:
 
 
 def _end_with_stdin(hub: LogBroadcaster, server: uvicorn.Server) -> None:
-    """Serve the last results until the parent process ends this process, or has ended itself.
+    """Serve the last results after the parent process has closed the standard input, then end this process.
 
-    Who looks fetches maps and frames when told that they are there, on a busy computer not at once: they are waited for until nobody
-    has asked for anything for a while.
+    A browser requests maps and frames after it has received the news of them, with a delay on a busy computer. Therefore the process
+    ends only after an interval without requests.
     """
     while sys.stdin.buffer.read(1024):
         pass
-    until_s = time.monotonic() + _LAST_WORDS_S
+    until_s = time.monotonic() + _MAX_LOG_END_S
     while time.monotonic() < until_s and not hub.finished:
         time.sleep(0.05)
-    time.sleep(_SHOWN_S)
-    until_s, asked = time.monotonic() + _LONGEST_S, -1
-    while hub.finished and server.server_state.tasks and asked < server.server_state.total_requests and time.monotonic() < until_s:
-        asked = server.server_state.total_requests
-        time.sleep(_FETCHED_S)
+    time.sleep(_DISPLAY_S)
+    until_s, requests = time.monotonic() + _MAX_VIEWERS_S, -1
+    while hub.finished and server.server_state.tasks and requests < server.server_state.total_requests and time.monotonic() < until_s:
+        requests = server.server_state.total_requests
+        time.sleep(_IDLE_S)
     signal.raise_signal(signal.SIGTERM)
 
 

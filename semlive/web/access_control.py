@@ -25,8 +25,8 @@ _HEADERS = {
 class AccessControl:
     """Middleware in front of the application.
 
-    A name that is not this computer's may be somebody's who lets it point here, to speak to us from his page (DNS rebinding): addresses
-    are let through, names only if they are known.
+    An attacker can let a foreign host name point to this computer, so that his page can send requests to it (DNS rebinding). Therefore
+    IP addresses are accepted, and host names only if they are registered.
 
     Args:
         app: the protected application.
@@ -55,20 +55,20 @@ class AccessControl:
 
     def _refusal(self, method: str, headers: Headers) -> PlainTextResponse | None:
         host = headers.get("host", "")
-        if not self._knows(host):
+        if not self._is_valid_host(host):
             return PlainTextResponse(f"{host[:100]}: not a name of this computer; give it with --page-name", 421)
         if method in _SAFE:
             return None
         if headers.get("origin", "") not in (f"http://{host}", f"https://{host}"):
-            return PlainTextResponse("only a page of this server may ask that", 403)
+            return PlainTextResponse("only a page of this server may send this request", 403)
         if headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-            return PlainTextResponse("send JSON", 415)
+            return PlainTextResponse("the request must be JSON", 415)
         length = headers.get("content-length", "")
         if not length.isdecimal():
-            return PlainTextResponse("say how long it is", 411)
-        return None if int(length) <= MAX_BODY_BYTES else PlainTextResponse("too long", 413)
+            return PlainTextResponse("the header content-length is missing", 411)
+        return None if int(length) <= MAX_BODY_BYTES else PlainTextResponse("the request is too long", 413)
 
-    def _knows(self, host: str) -> bool:
+    def _is_valid_host(self, host: str) -> bool:
         name = host.rpartition(":")[0] if host.rpartition(":")[2].isdecimal() and not host.endswith("]") else host
         try:
             ipaddress.ip_address(name.strip("[]"))

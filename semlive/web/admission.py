@@ -1,8 +1,8 @@
 """Limits on the connections of the page server, which are counted when they are accepted, before anything is read.
 
-The number of connections is bounded, and a new connection always gets a place: at the bound the one that has done nothing for the longest
-time is closed in its favour. So connections of others, however many, cannot keep a request of the operator away; and a connection whose
-request has shown the run's token is never closed for another one.
+The number of connections is bounded, and a new connection is always accepted: at the bound the connection with the longest inactivity is
+closed. Therefore any number of other connections cannot block a request of the operator, and a connection whose request contains the
+token of the run is never closed for another one.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from collections import Counter
 from collections.abc import Callable
 from enum import IntEnum
 
-MOST = 300
-MOST_FROM_THIS_COMPUTER = 200
+MAX_CONNECTIONS = 300
+MAX_LOCAL_CONNECTIONS = 200
 """Limit for loopback addresses: all users of a tunnel or a proxy appear as this computer."""
-MOST_FROM_AN_ADDRESS = 48
+MAX_CONNECTIONS_PER_ADDRESS = 48
 
 Client = tuple[str, int]
 
@@ -24,11 +24,11 @@ class Stage(IntEnum):
     """Stage of a connection, in the order in which connections are closed."""
 
     ORDINARY = 0
-    """Silent, between two requests, or with an unauthenticated request."""
+    """No request yet, between two requests, or an unauthenticated request."""
     VIEWING = 1
     """A stream of changes; the number of streams has a separate limit."""
     AUTHENTICATED = 2
-    """A request with the run's token is being answered."""
+    """A request with the token of the run is being answered."""
 
 
 def is_loopback(host: str) -> bool:
@@ -42,7 +42,7 @@ def is_loopback(host: str) -> bool:
 
 
 class Admission:
-    """The open connections, by client address and port; for one thread.
+    """Open connections by client address and port; to be used by one thread only.
 
     Args:
         most: largest number of connections.
@@ -52,13 +52,13 @@ class Admission:
 
     def __init__(
         self,
-        most: int = MOST,
-        most_from_this_computer: int = MOST_FROM_THIS_COMPUTER,
-        most_from_an_address: int = MOST_FROM_AN_ADDRESS,
+        most: int = MAX_CONNECTIONS,
+        most_from_this_computer: int = MAX_LOCAL_CONNECTIONS,
+        most_from_an_address: int = MAX_CONNECTIONS_PER_ADDRESS,
     ) -> None:
         self._most, self._most_here, self._most_each = most, most_from_this_computer, most_from_an_address
         self._close: dict[Client, Callable[[], object]] = {}
-        # In each stage, first those that entered it or began a request longest ago.
+        # In each stage, in the order in which connections entered it or began a request.
         self._stages: dict[Stage, dict[Client, None]] = {stage: {} for stage in Stage}
         self._of_address: Counter[str] = Counter()
 
@@ -70,7 +70,7 @@ class Admission:
 
         Args:
             client: address and port.
-            close: closes it at once; must not raise.
+            close: function that closes the connection at once and raises no exception.
         """
         self._forget(client)
         self._close[client] = close
@@ -103,10 +103,10 @@ class Admission:
     def _evict(self, host: str | None) -> None:
         """Close the connection with the longest inactivity in the lowest stage, among those of `host` if it is given."""
         for stage in (Stage.ORDINARY, Stage.VIEWING):
-            found = next((client for client in self._stages[stage] if host is None or client[0] == host), None)
-            if found is not None:
-                close = self._close[found]
-                self._forget(found)
+            idle = next((client for client in self._stages[stage] if host is None or client[0] == host), None)
+            if idle is not None:
+                close = self._close[idle]
+                self._forget(idle)
                 close()
                 return
 

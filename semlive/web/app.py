@@ -16,15 +16,14 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import ClientDisconnect
-from starlette.requests import Request as Asked
+from starlette.requests import Request as HttpRequest
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
 from semlive.errors import SemliveError
-from semlive.service.control.socket import Request, RequestStatus, send_request, token_digest
-from semlive.service.control.socket import RequestContent as Said
+from semlive.service.control.socket import Request, RequestContent, RequestStatus, send_request, token_digest
 from semlive.web.access_control import AccessControl
 from semlive.web.admission import Admission, Stage, is_loopback
 from semlive.web.broadcaster import LogBroadcaster
@@ -34,10 +33,10 @@ STATIC = Path(__file__).with_name("static")
 MAX_VIEWERS = 100
 MAX_VIEWERS_OF_AN_ADDRESS = 24
 """Limit for an address of another computer; local addresses may belong to a tunnel or a proxy."""
-_BEAT_S = 2.0
-_BODY_S = 5.0
+_HEARTBEAT_S = 2.0
+_BODY_TIMEOUT_S = 5.0
 # Delay after a wrong token. A token of 128 bits cannot be guessed; the delay limits the load by attempts.
-_WRONG_TOKEN_S = 0.25
+_WRONG_TOKEN_DELAY_S = 0.25
 _STATUS = {RequestStatus.ACCEPTED: 200, RequestStatus.UNAUTHORISED: 403, RequestStatus.NO_REQUEST: 400, RequestStatus.QUESTION_CLOSED: 409}
 
 
@@ -47,8 +46,8 @@ class ControlAddress:
 
     Attributes:
         host: address of this computer.
-        port: TCP.
-        token_sha256: of the run's token, in hexadecimal: enough to check a token, not to know it.
+        port: TCP port.
+        token_sha256: SHA-256 of the token of the run, in hexadecimal: verifies a token, but does not reveal it.
     """
 
     host: str
@@ -84,76 +83,76 @@ class PageHandlers:
         self._hub, self._control, self._admission = hub, control, admission
         self._viewers: Counter[str] = Counter()
 
-    async def index(self, _: Asked) -> Response:
+    async def index(self, _: HttpRequest) -> Response:
         """Return the HTML page."""
         return FileResponse(STATIC / "index.html", headers={"cache-control": "no-cache"})
 
-    async def about(self, _: Asked) -> Response:
+    async def about(self, _: HttpRequest) -> Response:
         """Return whether the page can send commands."""
         return JSONResponse({"controls": self._control is not None}, headers={"cache-control": "no-store"})
 
-    async def events(self, asked: Asked) -> Response:
+    async def events(self, request: HttpRequest) -> Response:
         """Stream the changes until the viewer disconnects."""
-        host = "" if asked.client is None else asked.client.host
-        of_address = MAX_VIEWERS if is_loopback(host) else MAX_VIEWERS_OF_AN_ADDRESS
-        if self._viewers.total() >= MAX_VIEWERS or self._viewers[host] >= of_address:
-            return Response("too many look on already", 503, headers={"retry-after": "30"})
+        host = "" if request.client is None else request.client.host
+        max_viewers = MAX_VIEWERS if is_loopback(host) else MAX_VIEWERS_OF_AN_ADDRESS
+        if self._viewers.total() >= MAX_VIEWERS or self._viewers[host] >= max_viewers:
+            return Response("too many viewers; close another page", 503, headers={"retry-after": "30"})
         # Counted before the first await, so that simultaneous requests are all counted.
         self._viewers[host] += 1
-        self._enter(asked, Stage.VIEWING)
+        self._enter(request, Stage.VIEWING)
         return Viewing(self._events(), lambda: self._leave(host), {"cache-control": "no-store", "x-accel-buffering": "no"})
 
-    async def field(self, asked: Asked) -> Response:
+    async def field(self, request: HttpRequest) -> Response:
         """Return a map as float32."""
-        data = await run_in_threadpool(self._hub.fields.read, asked.path_params["frame"], asked.path_params["name"])
+        data = await run_in_threadpool(self._hub.fields.read, request.path_params["frame"], request.path_params["name"])
         if data is None:
-            raise HTTPException(404, "there is no such map")
+            raise HTTPException(404, "no such map")
         return Response(data, media_type="application/octet-stream", headers={"cache-control": "private, max-age=3600"})
 
-    async def frame(self, asked: Asked) -> Response:
+    async def frame(self, request: HttpRequest) -> Response:
         """Return the newest exported file as PNG."""
         try:
-            picture = await run_in_threadpool(newest_image_png, self._hub, asked.path_params["export"])
+            picture = await run_in_threadpool(newest_image_png, self._hub, request.path_params["export"])
         except SemliveError as error:
             raise HTTPException(422, str(error)) from error
         if picture is None:
-            raise HTTPException(404, "a newer frame has come")
+            raise HTTPException(404, "a newer frame has arrived")
         png, (width, height) = picture
         headers = {"cache-control": "private, max-age=3600", "x-frame-size": f"{width} {height}"}
         return Response(png, media_type="image/png", headers=headers)
 
-    async def command(self, asked: Asked) -> Response:
+    async def command(self, request: HttpRequest) -> Response:
         """Forward a command, an answer or an acknowledgement of the operator to the run."""
         if self._control is None:
-            return _told("this page only shows; steer from the page that semlive run opens", 405)
-        kind, _, token = asked.headers.get("authorization", "").partition(" ")
-        known = kind == "Bearer" and hmac.compare_digest(token_digest(token), self._control.token_sha256)
-        if known:
-            self._enter(asked, Stage.AUTHENTICATED)
+            return _reply("this page cannot control a run; use the page that semlive run opens", 405)
+        kind, _, token = request.headers.get("authorization", "").partition(" ")
+        authorised = kind == "Bearer" and hmac.compare_digest(token_digest(token), self._control.token_sha256)
+        if authorised:
+            self._enter(request, Stage.AUTHENTICATED)
         try:
-            async with asyncio.timeout(_BODY_S):
-                body = await asked.body()
-            said = Said.model_validate_json(body)
+            async with asyncio.timeout(_BODY_TIMEOUT_S):
+                body = await request.body()
+            command = RequestContent.model_validate_json(body)
         except (TimeoutError, ClientDisconnect):
-            return _told("the request did not come in time", 408)
+            return _reply("the request did not arrive in time; send it again", 408)
         except ValidationError:
-            return _told("not understood", 400)
-        if not known:
-            await asyncio.sleep(_WRONG_TOKEN_S)
-            return _told("the token is not that of this run; open the address that semlive run shows", 403)
-        by = f"page at {asked.client.host}" if asked.client is not None else "page"
-        return await self._passed_on(Request(**said.model_dump(), token=token, by=by), self._control)
+            return _reply("the request has the wrong form", 400)
+        if not authorised:
+            await asyncio.sleep(_WRONG_TOKEN_DELAY_S)
+            return _reply("the token is not that of this run; open the address that semlive run shows", 403)
+        by = f"page at {request.client.host}" if request.client is not None else "page"
+        return await self._forward(Request(**command.model_dump(), token=token, by=by), self._control)
 
-    async def _passed_on(self, request: Request, control: ControlAddress) -> Response:
+    async def _forward(self, request: Request, control: ControlAddress) -> Response:
         try:
             reply = await send_request(control.host, control.port, request)
         except (OSError, TimeoutError):
-            return _told("the run does not answer; it is over, or look at its terminal", 502)
-        return _told(reply.text, _STATUS[reply.heard])
+            return _reply("the run does not reply; it has ended, or its terminal shows the reason", 502)
+        return _reply(reply.text, _STATUS[reply.heard])
 
-    def _enter(self, asked: Asked, stage: Stage) -> None:
-        if asked.client is not None:
-            self._admission.enter((asked.client.host, asked.client.port), stage)
+    def _enter(self, request: HttpRequest, stage: Stage) -> None:
+        if request.client is not None:
+            self._admission.enter((request.client.host, request.client.port), stage)
 
     def _leave(self, host: str) -> None:
         self._viewers[host] -= 1
@@ -164,11 +163,11 @@ class PageHandlers:
         version = -1
         yield "retry: 1000\n\n"
         while True:
-            version, texts = await self._hub.changes(version, _BEAT_S)
+            version, texts = await self._hub.changes(version, _HEARTBEAT_S)
             yield "".join(f"data: {text}\n\n" for text in texts) or f"data: {self._hub.heartbeat()}\n\n"
 
 
-def _told(text: str, status: int) -> JSONResponse:
+def _reply(text: str, status: int) -> JSONResponse:
     return JSONResponse({"text": text}, status)
 
 

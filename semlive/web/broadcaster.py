@@ -25,9 +25,9 @@ from semlive.web.serialise import full_state, state_diff, to_json_line
 POLL_S = 0.04
 # A finished log gets another segment if the run is resumed.
 _POLL_FINISHED_S = 0.5
-_TOLD_EVERY_S = 0.25
-_LOOK_EVERY_S = 2.0
-_KEPT_CHANGES = 64
+_PUBLISH_INTERVAL_S = 0.25
+_WRITER_CHECK_INTERVAL_S = 2.0
+_MAX_CHANGES = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class NewestFile:
 
 
 class LogBroadcaster:
-    """Follows a log; `start` starts the thread, `changes` returns the changes that a viewer lacks.
+    """Follows a log; `start` starts the thread, `changes` returns the changes after a version.
 
     Args:
         log: one file or a run folder, which need not exist yet.
@@ -52,28 +52,28 @@ class LogBroadcaster:
         self.run_message: LogMessage | None = None
         self.file_message: LogMessage | None = None
         self._log, self._tail = log, LogTail(log)
-        self._orphaned, self._look_again_s = False, 0.0
-        self._view = self._told = PageState()
+        self._orphaned, self._next_check_s = False, 0.0
+        self._view = self._published = PageState()
         self._version = 0
-        self._whole: tuple[int, str] = (-1, "")
-        self._kept: deque[tuple[int, str]] = deque(maxlen=_KEPT_CHANGES)
+        self._full_text: tuple[int, str] = (-1, "")
+        self._changes: deque[tuple[int, str]] = deque(maxlen=_MAX_CHANGES)
         self._sidecar: bytes | None = None
         self._trouble = ""
         self._reading = True
-        self._heard_s = time.monotonic()
-        self._over = threading.Event()
-        self._news: asyncio.Event = asyncio.Event()
+        self._last_message_s = time.monotonic()
+        self._closed = threading.Event()
+        self._next_change: asyncio.Event = asyncio.Event()
         self._boot_id = boot_id()
 
     @property
     def view(self) -> PageState:
-        """Present state of the page."""
-        return self._told
+        """State of the page that was last published."""
+        return self._published
 
     @property
     def finished(self) -> bool:
         """Whether the log is finished and was sent completely."""
-        return self._tail.finished and not state_diff(self._told, self._view)
+        return self._tail.finished and not state_diff(self._published, self._view)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Start to follow the log."""
@@ -81,37 +81,37 @@ class LogBroadcaster:
 
     def close(self) -> None:
         """Stop following the log."""
-        self._over.set()
+        self._closed.set()
 
     async def changes(self, version: int, timeout_s: float) -> tuple[int, list[str]]:
         """Return the changes after a version as lines of JSON, oldest first; empty if there were none within the timeout.
 
-        Whoever is too far behind gets everything: version -1 always does.
+        A viewer that lacks too many changes receives the complete state; version -1 always does.
         """
         if version == self._version:
-            news = self._news
+            change = self._next_change
             try:
                 async with asyncio.timeout(timeout_s):
-                    await news.wait()
+                    await change.wait()
             except TimeoutError:
                 return version, []
-        missed = [text for number, text in self._kept if number > version]
+        missed = [text for number, text in self._changes if number > version]
         if version < 0 or len(missed) != self._version - version:
-            return self._version, [self._everything()]
+            return self._version, [self._full_state()]
         return self._version, missed
 
     def heartbeat(self) -> str:
         """Return the time as a line of JSON."""
         return to_json_line({"now": self._now()})
 
-    def _everything(self) -> str:
-        if self._whole[0] != self._version:
-            self._whole = (self._version, to_json_line(full_state(self._told)))
-        return f'{{"whole":true,"now":{to_json_line(self._now())},{self._whole[1][1:]}'
+    def _full_state(self) -> str:
+        if self._full_text[0] != self._version:
+            self._full_text = (self._version, to_json_line(full_state(self._published)))
+        return f'{{"whole":true,"now":{to_json_line(self._now())},{self._full_text[1][1:]}'
 
     def _now(self) -> dict[str, Any]:
         """Return experiment time, its rate, and whether the log can still grow."""
-        view, live = self._told, not self._tail.finished and not self._reading
+        view, live = self._published, not self._tail.finished and not self._reading
         same_boot = view.clock is not None and view.boot_id == self._boot_id != ""
         running = live and view.clock is not None and same_boot
         now_ns = view.clock.time_ns(time.monotonic_ns()) if running and view.clock else view.last_ns
@@ -121,35 +121,35 @@ class LogBroadcaster:
             "start_ms": view.run.start_ns // 1_000_000 if view.run else 0,
             "live": live,
             "reading": self._reading,
-            "silent_s": round(time.monotonic() - self._heard_s, 1),
+            "silent_s": round(time.monotonic() - self._last_message_s, 1),
             "orphaned": self._orphaned,
             "trouble": self._trouble,
         }
 
     def _follow(self, loop: asyncio.AbstractEventLoop) -> None:
-        while not self._over.is_set():
-            told_s = time.monotonic()
+        while not self._closed.is_set():
+            published_s = time.monotonic()
             try:
                 for message in self._tail.poll():
                     self._take(message)
-                    if time.monotonic() > told_s + _TOLD_EVERY_S:
-                        told_s = time.monotonic()
-                        self._tell(loop)
+                    if time.monotonic() > published_s + _PUBLISH_INTERVAL_S:
+                        published_s = time.monotonic()
+                        self._publish_changes(loop)
             except BadLog as error:
                 self._trouble = str(error)
-                self._over.wait(1.0)
+                self._closed.wait(1.0)
             if self._reading and self._view.last_ns:
                 self._reading = False
-                self._version_up(loop, state_diff(self._told, self._view))
-            self._tell(loop)
-            self._look_for_writer()
-            self._over.wait(_POLL_FINISHED_S if self._tail.finished else POLL_S)
+                self._schedule(loop, state_diff(self._published, self._view))
+            self._publish_changes(loop)
+            self._check_writer()
+            self._closed.wait(_POLL_FINISHED_S if self._tail.finished else POLL_S)
 
-    def _look_for_writer(self) -> None:
-        """Whether the newest segment is unfinished and has no writer; silence is no criterion for a run without devices."""
-        if time.monotonic() < self._look_again_s:
+    def _check_writer(self) -> None:
+        """Update whether the newest segment is unfinished and has no writer; the time without messages is no criterion without devices."""
+        if time.monotonic() < self._next_check_s:
             return
-        self._look_again_s = time.monotonic() + _LOOK_EVERY_S
+        self._next_check_s = time.monotonic() + _WRITER_CHECK_INTERVAL_S
         try:
             newest = segments(self._log)[-1]
             with newest.open("rb") as stream:
@@ -158,10 +158,10 @@ class LogBroadcaster:
             self._orphaned = False
 
     def _take(self, message: LogMessage) -> None:
-        self._heard_s = time.monotonic()
+        self._last_message_s = time.monotonic()
         fields = fields_of(message)
         if fields is not None:
-            self.fields.keep(fields)
+            self.fields.store(fields)
             self._view = with_maps(self._view, fields)
         elif message.topic == SEM_SIDECAR:
             self._sidecar = message.payload
@@ -173,23 +173,23 @@ class LogBroadcaster:
             self.file_message = message
         self._view = reduce(self._view, message)
 
-    def _tell(self, loop: asyncio.AbstractEventLoop) -> None:
+    def _publish_changes(self, loop: asyncio.AbstractEventLoop) -> None:
         """Serialise the changes once for all viewers."""
-        parts = state_diff(self._told, self._view)
+        parts = state_diff(self._published, self._view)
         if parts:
-            self._version_up(loop, parts)
+            self._schedule(loop, parts)
 
-    def _version_up(self, loop: asyncio.AbstractEventLoop, parts: dict[str, Any]) -> None:
+    def _schedule(self, loop: asyncio.AbstractEventLoop, parts: dict[str, Any]) -> None:
         view = self._view
-        self._told = view
+        self._published = view
         text = to_json_line({"now": self._now(), **parts})
         try:
             loop.call_soon_threadsafe(self._publish, text)
         except RuntimeError:
-            self._over.set()
+            self._closed.set()
 
     def _publish(self, text: str) -> None:
         self._version += 1
-        self._kept.append((self._version, text))
-        news, self._news = self._news, asyncio.Event()
-        news.set()
+        self._changes.append((self._version, text))
+        change, self._next_change = self._next_change, asyncio.Event()
+        change.set()

@@ -13,7 +13,7 @@ class LoadRow:
     """Readings of the load frame within a short interval.
 
     Attributes:
-        time_s: of the last one, seconds after the start of the run.
+        time_s: time of the last reading, seconds after the start of the run.
         low_n: smallest force.
         high_n: largest force.
         extension_mm: last extension.
@@ -32,9 +32,9 @@ class DownsampledSeries:
     """Rows of equal duration; if there are too many, neighbours are merged and the duration doubles.
 
     Attributes:
-        width_s: of a row.
-        rows: complete ones.
-        current_bin: the row that still takes readings.
+        width_s: duration of a row, s.
+        rows: complete rows.
+        current_bin: the row to which readings are added.
     """
 
     width_s: float = _FIRST_WIDTH_S
@@ -53,11 +53,11 @@ def append(trace: DownsampledSeries, row: LoadRow) -> DownsampledSeries:
         return replace(trace, rows=rows, current_bin=row)
     width_s = 2.0 * trace.width_s
     wider: list[LoadRow] = []
-    for one in rows:
-        if wider and int(one.time_s / width_s) == int(wider[-1].time_s / width_s):
-            wider[-1] = _joined(wider[-1], one)
+    for each in rows:
+        if wider and int(each.time_s / width_s) == int(wider[-1].time_s / width_s):
+            wider[-1] = _joined(wider[-1], each)
         else:
-            wider.append(one)
+            wider.append(each)
     return DownsampledSeries(width_s, tuple(wider), row)
 
 

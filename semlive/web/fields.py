@@ -42,19 +42,19 @@ def fields_of(message: LogMessage) -> Fields | None:
     """Return the maps in a message; None if there are none.
 
     Raises:
-        BadLog: the bytes are no map.
+        BadLog: the bytes are not a map.
     """
     if message.topic == DIC_MAP:
         disparity = decode_map(message.payload)
         valid = disparity.valid
         shown = {"disparity_u": disparity.u_px, "disparity_v": disparity.v_px, "zncc": disparity.zncc} if disparity.reference == 0 else {}
-        return Fields(disparity.current, disparity.grid, _counted(shown, valid), _quality(disparity))
+        return Fields(disparity.current, disparity.grid, _masked(shown, valid), _quality(disparity))
     if message.topic == DISPLACEMENT_FIELD:
         moved = decode_displacement(message.payload)
-        return Fields(moved.frame, moved.grid, _counted({"displacement_u": moved.u_px, "displacement_v": moved.v_px}, moved.valid))
+        return Fields(moved.frame, moved.grid, _masked({"displacement_u": moved.u_px, "displacement_v": moved.v_px}, moved.valid))
     if message.topic == STRAIN_FIELD:
         strain = decode_strain(message.payload)
-        return Fields(strain.frame, strain.grid, _counted({name: getattr(strain, name) for name in ("exx", "eyy", "exy")}, strain.valid))
+        return Fields(strain.frame, strain.grid, _masked({name: getattr(strain, name) for name in ("exx", "eyy", "exy")}, strain.valid))
     return None
 
 
@@ -65,12 +65,12 @@ def _quality(disparity: DisparityMap) -> MapQuality:
     return MapQuality(disparity.reference, disparity.current, int(valid.sum()), valid.size, noise_px, zncc)
 
 
-def _counted(fields: Mapping[str, NDArray[np.float64]], valid: NDArray[np.bool_]) -> dict[str, NDArray[np.float32]]:
+def _masked(fields: Mapping[str, NDArray[np.float64]], valid: NDArray[np.bool_]) -> dict[str, NDArray[np.float32]]:
     return {name: np.where(valid, field, np.nan).astype("<f4") for name, field in fields.items()}
 
 
 class FieldStore:
-    """Maps in a temporary file that is removed with the process: a tenth of their size in the log."""
+    """Maps in a temporary file that is removed with the process; its size is a tenth of that of the log."""
 
     def __init__(self) -> None:
         self._file: IO[bytes] = tempfile.TemporaryFile(prefix="semlive-page-")  # noqa: SIM115 - as long as the store
@@ -78,12 +78,12 @@ class FieldStore:
         self._places: dict[tuple[int, str], tuple[int, int]] = {}
         self._lock = threading.Lock()
 
-    def keep(self, fields: Fields) -> None:
+    def store(self, fields: Fields) -> None:
         """Store maps; a map replaces an earlier one of the same frame and name."""
         with self._lock:
             for name, field in fields.values.items():
-                data, known = field.tobytes(), self._places.get((fields.frame, name))
-                begin = known[0] if known is not None and known[1] == len(data) else self._file.seek(0, 2)
+                data, place = field.tobytes(), self._places.get((fields.frame, name))
+                begin = place[0] if place is not None and place[1] == len(data) else self._file.seek(0, 2)
                 self._file.seek(begin)
                 self._file.write(data)
                 self._places[(fields.frame, name)] = (begin, len(data))

@@ -17,18 +17,24 @@ _MAX_EDGE_PX = 1024
 
 
 def newest_image_png(hub: LogBroadcaster, export: int) -> tuple[bytes, tuple[int, int]] | None:
-    """The file as PNG without its databar, no edge longer than 1024 px, and its own size (width, height); None if it is not the newest.
+    """Return the newest file as PNG without its databar, no edge longer than 1024 px, and the (width, height) of the file, px.
+
+    Args:
+        hub: reader of the log.
+        export: number of the file; the result is None if it is not the newest.
 
     Raises:
-        BadInput: it cannot be read; the sentence says why.
+        BadInput: the file cannot be read; the message gives the reason.
     """
-    original, told = hub.original, hub.file_message
-    if original is None or told is None or original.export != export:
+    original, file_message = hub.original, hub.file_message
+    if original is None or file_message is None or original.export != export:
         return None
-    about = from_json(told.topic, told.payload)
-    if not isinstance(about, FileMessage) or about.export != export:
+    metadata = from_json(file_message.topic, file_message.payload)
+    if not isinstance(metadata, FileMessage) or metadata.export != export:
         return None
-    file = ExportedFile(export, about.name, original.data, about.sha256, about.mtime_ns, about.arrival_time_ns, original.sidecar)
+    file = ExportedFile(
+        export, metadata.name, original.data, metadata.sha256, metadata.mtime_ns, metadata.arrival_time_ns, original.sidecar
+    )
     image = read_frame(file, _profile(hub)).image
     height, width = image.shape
     if image.dtype != np.uint8:
@@ -36,9 +42,9 @@ def newest_image_png(hub: LogBroadcaster, export: int) -> tuple[bytes, tuple[int
     smaller = _MAX_EDGE_PX / max(width, height)
     if smaller < 1.0:
         image = cv2.resize(image, None, fx=smaller, fy=smaller, interpolation=cv2.INTER_AREA)
-    done, png = cv2.imencode(".png", image, (cv2.IMWRITE_PNG_COMPRESSION, 1))
-    if not done:
-        raise BadInput(f"{about.name}: cannot be shown")
+    encoded, png = cv2.imencode(".png", image, (cv2.IMWRITE_PNG_COMPRESSION, 1))
+    if not encoded:
+        raise BadInput(f"{metadata.name}: the image cannot be encoded as PNG")
     return png.tobytes(), (width, height)
 
 
@@ -46,10 +52,12 @@ def _profile(hub: LogBroadcaster) -> ScanProfile:
     """Return the file settings of the configuration of the run."""
     if hub.run_message is None:
         return ScanProfile()
-    told = from_json(hub.run_message.topic, hub.run_message.payload)
+    message = from_json(hub.run_message.topic, hub.run_message.payload)
     try:
         return (
-            parse_config(told.config, "the run's configuration").analysis_settings().scan if isinstance(told, RunMessage) else ScanProfile()
+            parse_config(message.config, "the run's configuration").analysis_settings().scan
+            if isinstance(message, RunMessage)
+            else ScanProfile()
         )
     except BadInput:
         return ScanProfile()

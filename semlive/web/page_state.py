@@ -1,6 +1,7 @@
-"""What the page shows, as one frozen value; a part that did not change is the same object.
+"""State of the live page as one frozen value; a part that did not change is the same object.
 
-Times are seconds after the start of the run (`Run.start_ns`): browsers have no integers for nanoseconds since 1970.
+Field names are keys of the JSON that the page reads. Times are seconds after the start of the run (`Run.start_ns`), because browsers
+have no integers for nanoseconds since 1970.
 """
 
 from __future__ import annotations
@@ -15,21 +16,21 @@ from semlive.web.downsampled_series import DownsampledSeries
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What is to be done, as configured.
+    """Configuration of the run.
 
     Attributes:
-        name: of the run.
-        host: computer that runs it.
-        version: of semlive.
-        start_ns: experiment time at which it began.
+        name: name of the run.
+        host: name of the computer of the run.
+        version: version of semlive.
+        start_ns: experiment time of the start, ns.
         limits: soft limits by name; empty without a load frame.
-        hold_s: rest before a pair.
-        max_hold_s: longest rest.
-        settle_s: how long all must be within tolerance before.
-        warm_up_rate_px_s: what the warm-up gate asks; None without one.
-        warm_up_wait_s: how long it waits.
+        hold_s: duration of the hold before a pair, s.
+        max_hold_s: maximum duration of the hold, s.
+        settle_s: time within tolerance before the hold, s.
+        warm_up_rate_px_s: maximum drift rate of the warm-up gate, px/s; None without a gate.
+        warm_up_wait_s: maximum waiting time of the gate, s.
         area_mm2: cross-section of the specimen, None if unknown.
-        loading_axis: ``x`` or ``y``.
+        loading_axis: image axis of the load, ``x`` or ``y``.
     """
 
     name: str
@@ -48,12 +49,12 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """Steps that are done, as they were done, and those that were planned.
+    """Planned and completed steps.
 
     Attributes:
-        planned: as configured.
-        done: of the pairs so far.
-        measures: a pair more is being taken, to measure the drift while the warm-up gate waits.
+        planned: steps of the configuration.
+        done: steps of the completed pairs, as carried out.
+        measures: an additional pair is being taken to measure the drift while the warm-up gate waits.
     """
 
     planned: tuple[Step, ...] = ()
@@ -63,16 +64,16 @@ class Schedule:
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """Where the run is.
+    """Current state of the protocol.
 
     Attributes:
-        state: of the protocol.
-        cause: of the last transition.
+        state: state of the protocol.
+        cause: cause of the last transition.
         step: index of the step.
-        since_s: when the state was entered.
-        hold_end_s: when the hold is over at the earliest; None unless holding.
-        message: last sentence for the operator.
-        advice: what to do; empty if nothing.
+        since_s: time at which the state was entered.
+        hold_end_s: earliest end of the hold; None unless holding.
+        message: last message for the operator.
+        advice: advice for the operator; empty if there is none.
         asks: whether the run waits for the operator.
         guards: values that decided the last transition.
     """
@@ -90,7 +91,7 @@ class Protocol:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The last reading of load frame and stage; None where there is none."""
+    """Last reading of load frame and stage; None without the device."""
 
     force_n: float | None = None
     extension_mm: float | None = None
@@ -110,14 +111,14 @@ class DriftFrame:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Drift over scan time, and what is expected.
+    """Drift over scan time, and its forecast.
 
     Attributes:
-        frames: ascending.
-        forecast: rows of time_s, x, y, sigma x, sigma y (px) of scans to come.
-        rate_px_s: forecast mean speed of the next scan, and its standard uncertainty.
-        verdict: of the warm-up gate, one sentence.
-        warm: whether the gate has let the run pass.
+        frames: drift of each frame, ascending.
+        forecast: rows of time_s, x, y, sigma x, sigma y (px) of the next scans.
+        rate_px_s: forecast mean speed during the next scan, and its standard uncertainty.
+        verdict: status of the warm-up gate as text.
+        warm: whether the warm-up gate is passed.
     """
 
     frames: tuple[DriftFrame, ...] = ()
@@ -129,7 +130,7 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class MapQuality:
-    """How well one map was correlated."""
+    """Correlation quality of one map."""
 
     reference: int
     current: int
@@ -141,7 +142,7 @@ class MapQuality:
 
 @dataclass(frozen=True, slots=True)
 class StrainPoint:
-    """Mean strain of one frame beside its load; stress is None without load or area."""
+    """Mean strain and load of one frame; stress is None without load or area."""
 
     frame: int
     phase: str
@@ -167,7 +168,7 @@ class ElasticRow:
 
 @dataclass(frozen=True, slots=True)
 class StressStrain:
-    """Strain beside stress, and what follows from it."""
+    """Strain and stress of the frames, and the elastic constants."""
 
     points: tuple[StrainPoint, ...] = ()
     elastic: tuple[ElasticRow, ...] = ()
@@ -177,18 +178,18 @@ class StressStrain:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something that went wrong, in words: an alarm, or a warning that nobody has to acknowledge.
+    """An alarm, or a warning, which needs no acknowledgement.
 
     Attributes:
-        time_s: when.
+        time_s: time of the event.
         level: ``error`` or ``warning``.
-        text: what went wrong.
-        advice: what to do; empty if nothing.
-        identity: by which an alarm is acknowledged; empty for a warning.
+        text: message.
+        advice: advice for the operator; empty if there is none.
+        identity: identity with which an alarm is acknowledged; empty for a warning.
         code: `FaultCode` of an alarm, empty if the log has none.
-        acknowledged_s: when a person acknowledged it, None as long as nobody did.
-        acknowledged_by: where that request came from.
-        disobeyed: an open alarm: the machine moves on after every stop that was ordered.
+        acknowledged_s: time of the acknowledgement, None if not acknowledged.
+        acknowledged_by: origin of the acknowledgement.
+        disobeyed: an open alarm: the machine still moves after every stop command.
     """
 
     time_s: float
@@ -204,7 +205,7 @@ class Notice:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What a person is asked and has not answered."""
+    """An open prompt to the operator."""
 
     question: str
     text: str
@@ -221,7 +222,7 @@ class OperatorPanel:
 
 @dataclass(frozen=True, slots=True)
 class RejectedFileRow:
-    """A file or frame that is in no pair, and why."""
+    """A file or frame that is in no pair, and the reason."""
 
     time_s: float
     name: str
@@ -234,12 +235,12 @@ class Frames:
 
     Attributes:
         newest: number of the newest export, None before the first.
-        name: its file.
-        time_s: when it arrived.
-        arrived: how many files arrived.
-        paired: how many frames are in pairs.
-        refused_count: how many files or frames were refused.
-        refused: the last of them, newest first.
+        name: name of the newest file.
+        time_s: time at which it arrived.
+        arrived: number of files that arrived.
+        paired: number of frames in pairs.
+        refused_count: number of rejected files or frames.
+        refused: the last rejected ones, newest first.
     """
 
     newest: int | None = None
@@ -253,7 +254,7 @@ class Frames:
 
 @dataclass(frozen=True, slots=True)
 class FrameMaps:
-    """A frame that there are maps of; `version` grows with every map of it."""
+    """Frame with maps; `version` increases with every new map of the frame."""
 
     frame: int
     phase: str
@@ -264,7 +265,7 @@ class FrameMaps:
 
 @dataclass(frozen=True, slots=True)
 class Maps:
-    """Which maps there are, and the grid they lie on: x0, y0, step, nx, ny, subset (px)."""
+    """Available maps and their grid: x0, y0, step, nx, ny, subset (px)."""
 
     frames: tuple[FrameMaps, ...] = ()
     grid: tuple[int, ...] | None = None
@@ -272,16 +273,16 @@ class Maps:
 
 @dataclass(frozen=True, slots=True)
 class PageState:
-    """Everything that the page shows, and what the next messages are understood by.
+    """Contents of the page, and values that are needed to process the next messages.
 
     Attributes:
         frame_loads: mean load of each frame of a pair, N.
-        clock: line of experiment time in force.
-        boot_id: boot of the computer that its monotonic clock belongs to.
-        last_ns: when the last message was recorded.
-        alarms: alarms and warnings as they are shown, oldest first.
-        raised: the alarms that they are made of.
-        warnings: the warnings that they are made of.
+        clock: current linear relation of experiment time and monotonic clock.
+        boot_id: identity of the boot of the computer to which the monotonic clock refers.
+        last_ns: time at which the last message was recorded, ns.
+        alarms: alarms and warnings in the order shown, oldest first.
+        raised: alarms of the log, from which `alarms` is made.
+        warnings: warnings of the log, from which `alarms` is made.
     """
 
     run: Run | None = None

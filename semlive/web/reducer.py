@@ -35,17 +35,17 @@ from semlive.web.fields import Fields
 from semlive.web.page_state import FrameMaps, Notice, PageState, Question, RejectedFileRow, Run
 from semlive.web.result_reducers import RESULT_REDUCERS as RESULTS
 
-_KEPT_WARNINGS = 100
-_SHOWN_ALARMS = 200
-_KEPT_REFUSED = 100
-_KEPT_QUALITY = 4000
+_MAX_WARNINGS = 100
+_MAX_ALARMS = 200
+_MAX_REJECTED = 100
+_MAX_QUALITY_ROWS = 4000
 
 
 def reduce(view: PageState, message: LogMessage) -> PageState:
     """Return the state of the page after one more message; topics that are not shown change only the time of the last message.
 
     Raises:
-        BadLog: the message is not what its topic promises.
+        BadLog: the message does not have the form of its topic.
     """
     view = replace(view, last_ns=message.log_time_ns)
     if message.topic not in _FOLLOWED or message.topic not in TOPICS:
@@ -59,10 +59,10 @@ def reduce(view: PageState, message: LogMessage) -> PageState:
 def with_maps(view: PageState, fields: Fields) -> PageState:
     """Add the names and the correlation quality of the maps of a frame."""
     if fields.quality is not None:
-        view = replace(view, quality=(*view.quality, fields.quality)[-_KEPT_QUALITY:])
+        view = replace(view, quality=(*view.quality, fields.quality)[-_MAX_QUALITY_ROWS:])
     if not fields.values:
         return view
-    before = {one.frame: one for one in view.maps.frames}
+    before = {maps.frame: maps for maps in view.maps.frames}
     pair = fields.frame // 2
     step = view.schedule.done[pair] if pair < len(view.schedule.done) else None
     old = before.get(fields.frame)
@@ -84,19 +84,19 @@ def seconds(view: PageState, time_ns: int) -> float:
     return 0.0 if view.run is None else round((time_ns - view.run.start_ns) / 1e9, 4)
 
 
-def _run(view: PageState, told: RunMessage) -> PageState:
+def _run(view: PageState, message: RunMessage) -> PageState:
     try:
-        config = parse_config(told.config, "the run's configuration")
+        config = parse_config(message.config, "the run's configuration")
         plan = config.plan()
     except BadInput:
         # A log of another version, or an imported one, still has content to show.
-        return replace(view, run=_bare(told), boot_id=told.boot_id)
+        return replace(view, run=_run_without_plan(message), boot_id=message.boot_id)
     gate, hold = plan.warm_up, plan.hold
     run = Run(
-        name=told.run,
-        host=told.host,
-        version=told.versions.get("semlive", ""),
-        start_ns=view.run.start_ns if view.run else told.started_time_ns,
+        name=message.run,
+        host=message.host,
+        version=message.versions.get("semlive", ""),
+        start_ns=view.run.start_ns if view.run else message.started_time_ns,
         limits={} if config.limits is None else {name: value for name, value in asdict(config.limits).items() if value is not None},
         hold_s=hold.hold_s,
         max_hold_s=hold.hold_s if plan.adaptive_hold is None else plan.adaptive_hold.max_hold_s,
@@ -106,91 +106,93 @@ def _run(view: PageState, told: RunMessage) -> PageState:
         area_mm2=config.specimen.area_mm2,
         loading_axis=config.specimen.loading_axis,
     )
-    return replace(view, run=run, boot_id=told.boot_id, schedule=replace(view.schedule, planned=plan.steps))
+    return replace(view, run=run, boot_id=message.boot_id, schedule=replace(view.schedule, planned=plan.steps))
 
 
-def _bare(told: RunMessage) -> Run:
-    return Run(told.run, told.host, told.versions.get("semlive", ""), told.started_time_ns, {}, 0.0, 0.0, 0.0, None, None, None, "y")
+def _run_without_plan(message: RunMessage) -> Run:
+    return Run(
+        message.run, message.host, message.versions.get("semlive", ""), message.started_time_ns, {}, 0.0, 0.0, 0.0, None, None, None, "y"
+    )
 
 
-def _clock(view: PageState, told: ClockMessage) -> PageState:
-    return replace(view, clock=values.clock(told))
+def _clock(view: PageState, message: ClockMessage) -> PageState:
+    return replace(view, clock=values.clock(message))
 
 
-def _state(view: PageState, told: StateMessage) -> PageState:
-    since_s = seconds(view, told.time_ns)
-    hold_end_s = None if told.after != State.HOLDING or view.run is None else since_s + view.run.hold_s
+def _state(view: PageState, message: StateMessage) -> PageState:
+    since_s = seconds(view, message.time_ns)
+    hold_end_s = None if message.after != State.HOLDING or view.run is None else since_s + view.run.hold_s
     protocol = replace(
         view.protocol,
-        state=told.after,
-        cause=told.cause,
-        step=told.step,
+        state=message.after,
+        cause=message.cause,
+        step=message.step,
         since_s=since_s,
         hold_end_s=hold_end_s,
-        advice=advice(told.after, told.cause),
-        asks=told.after in QUESTION_STATES,
-        guards={name: value for name, value in told.guards.items() if isinstance(value, float | int | str)},
+        advice=advice(message.after, message.cause),
+        asks=message.after in QUESTION_STATES,
+        guards={name: value for name, value in message.guards.items() if isinstance(value, float | int | str)},
     )
-    measures = (view.schedule.measures and told.cause != Cause.PAIR_COMPLETE) or told.cause == Cause.MEASURE_AGAIN
+    measures = (view.schedule.measures and message.cause != Cause.PAIR_COMPLETE) or message.cause == Cause.MEASURE_AGAIN
     schedule = view.schedule if measures == view.schedule.measures else replace(view.schedule, measures=measures)
-    view = replace(view, protocol=protocol, schedule=schedule, drift=_gate(view, told))
-    return replace(view, desk=replace(view.desk, questions=())) if told.after in FINAL_STATES else view
+    view = replace(view, protocol=protocol, schedule=schedule, drift=_gate(view, message))
+    return replace(view, desk=replace(view.desk, questions=())) if message.after in FINAL_STATES else view
 
 
-def _gate(view: PageState, told: StateMessage) -> Any:
+def _gate(view: PageState, message: StateMessage) -> Any:
     """Add the verdict of the warm-up gate to the drift panel."""
-    rate, sigma, waited_s = (told.guards.get(name) for name in ("rate_px_s", "sigma_px_s", "waited_s"))
+    rate, sigma, waited_s = (message.guards.get(name) for name in ("rate_px_s", "sigma_px_s", "waited_s"))
     drift = view.drift
     if view.run is None or view.run.warm_up_rate_px_s is None or not isinstance(rate, float | int) or not isinstance(sigma, float | int):
         return drift
-    wanted = f"{60 * view.run.warm_up_rate_px_s:.2g} px/min wanted"
-    is_told = f"forecast {60 * rate:.2g} ± {60 * sigma:.1g} px/min"
+    required = f"{60 * view.run.warm_up_rate_px_s:.2g} px/min required"
+    forecast = f"forecast {60 * rate:.2g} ± {60 * sigma:.1g} px/min"
     waited = f", waited {float(waited_s) / 60:.0f} min" if isinstance(waited_s, float | int) else ""
-    if told.cause == Cause.WARMED_UP:
-        return replace(drift, verdict=f"warm: {is_told}, {wanted}", warm=True)
-    word = "too long" if told.cause == Cause.WARM_UP_TIMEOUT else "warming up"
-    return replace(drift, verdict=f"{word}: {is_told}, {wanted}{waited}", warm=False)
+    if message.cause == Cause.WARMED_UP:
+        return replace(drift, verdict=f"warm: {forecast}, {required}", warm=True)
+    status = "too long" if message.cause == Cause.WARM_UP_TIMEOUT else "warming up"
+    return replace(drift, verdict=f"{status}: {forecast}, {required}{waited}", warm=False)
 
 
-def _load(view: PageState, told: LoadSampleMessage) -> PageState:
-    row = LoadRow(seconds(view, told.time_ns), told.force_n, told.force_n, told.extension_mm, told.target_n)
+def _load(view: PageState, message: LoadSampleMessage) -> PageState:
+    row = LoadRow(seconds(view, message.time_ns), message.force_n, message.force_n, message.extension_mm, message.target_n)
     reading = replace(
         view.reading,
-        force_n=told.force_n,
-        extension_mm=told.extension_mm,
-        target_n=told.target_n,
-        motion=told.motion.value,
-        gage_strain=told.gage_strain,
+        force_n=message.force_n,
+        extension_mm=message.extension_mm,
+        target_n=message.target_n,
+        motion=message.motion.value,
+        gage_strain=message.gage_strain,
     )
     return replace(view, reading=reading, load=append(view.load, row))
 
 
-def _stage(view: PageState, told: StageSampleMessage) -> PageState:
-    return replace(view, reading=replace(view.reading, stage_um=(told.x_um, told.y_um)))
+def _stage(view: PageState, message: StageSampleMessage) -> PageState:
+    return replace(view, reading=replace(view.reading, stage_um=(message.x_um, message.y_um)))
 
 
-def _line(view: PageState, told: LogLineMessage) -> PageState:
-    if told.level == "info":
-        return replace(view, protocol=replace(view.protocol, message=printable(told.text)))
-    lines = told.text.strip().splitlines()
+def _line(view: PageState, message: LogLineMessage) -> PageState:
+    if message.level == "info":
+        return replace(view, protocol=replace(view.protocol, message=printable(message.text)))
+    lines = message.text.strip().splitlines()
     # The text of an error can be a stack trace, whose last line is the message.
-    return _warned(view, told.time_ns, told.level, lines[-1] if lines and told.level == "error" else told.text.strip(), "")
+    return _warned(view, message.time_ns, message.level, lines[-1] if lines and message.level == "error" else message.text.strip(), "")
 
 
-def _offset(view: PageState, told: ClockOffsetMessage) -> PageState:
-    return _warned(view, view.last_ns, "warning", told.reason, told.advice) if told.advice else view
+def _offset(view: PageState, message: ClockOffsetMessage) -> PageState:
+    return _warned(view, view.last_ns, "warning", message.reason, message.advice) if message.advice else view
 
 
 def _warned(view: PageState, time_ns: int, level: str, text: str, what_to_do: str) -> PageState:
     notice = Notice(seconds(view, time_ns), level, printable(text), what_to_do)
-    return _with_notices(replace(view, warnings=(*view.warnings, notice)[-_KEPT_WARNINGS:]))
+    return _with_notices(replace(view, warnings=(*view.warnings, notice)[-_MAX_WARNINGS:]))
 
 
 def _with_notices(view: PageState) -> PageState:
     """Merge alarms and warnings; an open alarm about a disobeyed stop is shown regardless of later entries."""
-    known = view.raised.listed
-    shown = (*(one for one in known[:-_SHOWN_ALARMS] if one.disobeyed and not one.acknowledged), *known[-_SHOWN_ALARMS:])
-    notices = sorted((*view.warnings, *(_notice(view, alarm) for alarm in shown)), key=lambda one: one.time_s)
+    alarms = view.raised.listed
+    shown = (*(notice for notice in alarms[:-_MAX_ALARMS] if notice.disobeyed and not notice.acknowledged), *alarms[-_MAX_ALARMS:])
+    notices = sorted((*view.warnings, *(_notice(view, alarm) for alarm in shown)), key=lambda notice: notice.time_s)
     return replace(view, alarms=tuple(notices))
 
 
@@ -212,39 +214,39 @@ def _only_alarms(view: PageState, _: object) -> PageState:
     return view
 
 
-def _file(view: PageState, told: FileMessage) -> PageState:
+def _file(view: PageState, message: FileMessage) -> PageState:
     frames, time_s = view.frames, seconds(view, view.last_ns)
-    name = printable(told.name)
-    if told.decision == "arrived":
-        return replace(view, frames=replace(frames, newest=told.export, name=name, time_s=time_s, arrived=frames.arrived + 1))
-    if told.decision != "refused":
+    name = printable(message.name)
+    if message.decision == "arrived":
+        return replace(view, frames=replace(frames, newest=message.export, name=name, time_s=time_s, arrived=frames.arrived + 1))
+    if message.decision != "refused":
         return view
-    refused = RejectedFileRow(time_s, name, printable(told.reason))
-    kept = (refused, *frames.refused)[:_KEPT_REFUSED]
-    return replace(view, frames=replace(frames, refused=kept, refused_count=frames.refused_count + 1))
+    newest = RejectedFileRow(time_s, name, printable(message.reason))
+    rejected = (newest, *frames.refused)[:_MAX_REJECTED]
+    return replace(view, frames=replace(frames, refused=rejected, refused_count=frames.refused_count + 1))
 
 
-def _pair(view: PageState, told: PairMessage) -> PageState:
-    done = (*view.schedule.done[: told.pair], told.step)
+def _pair(view: PageState, message: PairMessage) -> PageState:
+    done = (*view.schedule.done[: message.pair], message.step)
     frames = replace(view.frames, paired=2 * len(done))
-    loads = {2 * told.pair + member: load.mean_n for member, load in enumerate(told.loads or ())}
-    desk = replace(view.desk, told="") if view.desk.told else view.desk
+    loads = {2 * message.pair + member: load.mean_n for member, load in enumerate(message.loads or ())}
+    panel = replace(view.desk, told="") if view.desk.told else view.desk
     schedule = replace(view.schedule, done=done)
-    return replace(view, schedule=schedule, frames=frames, desk=desk, frame_loads={**view.frame_loads, **loads})
+    return replace(view, schedule=schedule, frames=frames, desk=panel, frame_loads={**view.frame_loads, **loads})
 
 
-def _operator(view: PageState, told: OperatorMessage) -> PageState:
-    text, question = str(told.args.get("text", "")), str(told.args.get("question", ""))
-    desk = view.desk
-    others = tuple(one for one in desk.questions if one.question != question)
-    if told.what == PromptEvent.PROMPT:
-        asked = Question(question, text, str(told.args.get("wanted", "")))
-        return replace(view, desk=replace(desk, questions=(*others, asked), told=""))
-    if told.what in (PromptEvent.RESPONSE, PromptEvent.WITHDRAWN):
-        return replace(view, desk=replace(desk, questions=others, told=""))
-    if told.what == PromptEvent.MESSAGE:
-        return replace(view, desk=replace(desk, told=text))
-    return view if told.what not in list(OperatorCommand) else replace(view, desk=replace(desk, told=""))
+def _operator(view: PageState, message: OperatorMessage) -> PageState:
+    text, question = str(message.args.get("text", "")), str(message.args.get("question", ""))
+    panel = view.desk
+    open_questions = tuple(item for item in panel.questions if item.question != question)
+    if message.what == PromptEvent.PROMPT:
+        prompt = Question(question, text, str(message.args.get("wanted", "")))
+        return replace(view, desk=replace(panel, questions=(*open_questions, prompt), told=""))
+    if message.what in (PromptEvent.RESPONSE, PromptEvent.WITHDRAWN):
+        return replace(view, desk=replace(panel, questions=open_questions, told=""))
+    if message.what == PromptEvent.MESSAGE:
+        return replace(view, desk=replace(panel, told=text))
+    return view if message.what not in list(OperatorCommand) else replace(view, desk=replace(panel, told=""))
 
 
 _FOLLOWED: Mapping[str, Callable[[PageState, Any], PageState]] = {

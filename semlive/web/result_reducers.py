@@ -11,86 +11,90 @@ from typing import Any
 from semlive.formats.log.messages import DriftForecastMessage, DriftMessage, ElasticMessage, StrainMessage
 from semlive.web.page_state import Drift, DriftFrame, ElasticRow, PageState, StrainPoint
 
-# Largest number of frames that are drawn in full; older ones are drawn by their middle only.
-_WHOLE_FRAMES = 200
-_KEPT_FRAMES = 5000
+# Number of newest frames that are drawn with all rows; of older frames only the middle row is drawn.
+_DETAILED_FRAMES = 200
+_MAX_FRAMES = 5000
 
 
-def _drift(view: PageState, told: DriftMessage) -> PageState:
+def _drift(view: PageState, message: DriftMessage) -> PageState:
     rows: dict[int, list[tuple[float, ...]]] = defaultdict(list)
-    for frame, time_s, place, sigma in zip(told.frame, told.time_s, told.drift_px, told.sigma_px, strict=True):
+    for frame, time_s, place, sigma in zip(message.frame, message.time_s, message.drift_px, message.sigma_px, strict=True):
         rows[frame].append((time_s, *place, *sigma))
-    known = {one.frame: one for one in view.drift.frames} | {frame: DriftFrame(frame, tuple(own)) for frame, own in rows.items()}
-    frames = [known[number] for number in sorted(known)][-_KEPT_FRAMES:]
-    older = [one if len(one.rows) == 1 else replace(one, rows=(one.rows[len(one.rows) // 2],)) for one in frames[:-_WHOLE_FRAMES]]
-    frames = [*older, *frames[-_WHOLE_FRAMES:]]
+    by_frame = {entry.frame: entry for entry in view.drift.frames} | {
+        frame: DriftFrame(frame, tuple(samples)) for frame, samples in rows.items()
+    }
+    frames = [by_frame[number] for number in sorted(by_frame)][-_MAX_FRAMES:]
+    older = [
+        entry if len(entry.rows) == 1 else replace(entry, rows=(entry.rows[len(entry.rows) // 2],)) for entry in frames[:-_DETAILED_FRAMES]
+    ]
+    frames = [*older, *frames[-_DETAILED_FRAMES:]]
     drift = replace(view.drift, frames=tuple(frames))
-    if told.forecast is not None and frames and frames[-1].rows:
-        drift = _foreseen(drift, told.forecast, frames[-1].rows[-1])
-    return replace(view, drift=_judged(drift, view))
+    if message.forecast is not None and frames and frames[-1].rows:
+        drift = _with_forecast(drift, message.forecast, frames[-1].rows[-1])
+    return replace(view, drift=_with_verdict(drift, view))
 
 
-def _foreseen(drift: Drift, told: DriftForecastMessage, last: tuple[float, ...]) -> Drift:
+def _with_forecast(drift: Drift, message: DriftForecastMessage, last: tuple[float, ...]) -> Drift:
     """Integrate the forecast rates from the newest row; the uncertainty assumes a constant rate error of one sigma."""
     rows, time_s, place, spread = [last], last[0], [last[1], last[2]], [last[3], last[4]]
-    for begin_s, rate, sigma in zip(told.time_s, told.rate_px_s, told.sigma_px_s, strict=True):
-        lasts_s = begin_s + told.duration_s - time_s
-        time_s = begin_s + told.duration_s
+    for begin_s, rate, sigma in zip(message.time_s, message.rate_px_s, message.sigma_px_s, strict=True):
+        lasts_s = begin_s + message.duration_s - time_s
+        time_s = begin_s + message.duration_s
         for axis in (0, 1):
             place[axis] += rate[axis] * lasts_s
             spread[axis] += sigma[axis] * lasts_s
         rows.append((time_s, *place, *spread))
-    first = (math.hypot(*told.rate_px_s[0]), math.hypot(*told.sigma_px_s[0])) if told.rate_px_s else None
+    first = (math.hypot(*message.rate_px_s[0]), math.hypot(*message.sigma_px_s[0])) if message.rate_px_s else None
     return replace(drift, forecast=tuple(rows), rate_px_s=first)
 
 
-def _judged(drift: Drift, view: PageState) -> Drift:
-    """Return the verdict without a gate; the verdict of a gate is not changed."""
+def _with_verdict(drift: Drift, view: PageState) -> Drift:
+    """Set the verdict if there is no gate, or before its first decision; later verdicts of the gate stay unchanged."""
     gate = None if view.run is None else view.run.warm_up_rate_px_s
     if drift.rate_px_s is None:
         return replace(drift, verdict="no forecast yet")
     rate, sigma = drift.rate_px_s
-    told = f"forecast {60 * rate:.2g} ± {60 * sigma:.1g} px/min"
+    forecast = f"forecast {60 * rate:.2g} ± {60 * sigma:.1g} px/min"
     if gate is None:
-        return replace(drift, verdict=f"{told}; no warm-up gate is configured")
+        return replace(drift, verdict=f"{forecast}; no warm-up gate is configured")
     if drift.warm is None:
-        return replace(drift, verdict=f"{told}, {60 * gate:.2g} px/min wanted before the first load")
+        return replace(drift, verdict=f"{forecast}, {60 * gate:.2g} px/min required before the first load")
     return drift
 
 
-def _strain(view: PageState, told: StrainMessage) -> PageState:
+def _strain(view: PageState, message: StrainMessage) -> PageState:
     axial, transverse = ("exx", "eyy") if view.run is not None and view.run.loading_axis == "x" else ("eyy", "exx")
-    pair = told.frame // 2
+    pair = message.frame // 2
     area_mm2 = None if view.run is None else view.run.area_mm2
-    load_n = view.frame_loads.get(told.frame)
+    load_n = view.frame_loads.get(message.frame)
     point = StrainPoint(
-        told.frame,
+        message.frame,
         view.schedule.done[pair].phase.value if pair < len(view.schedule.done) else "",
         load_n,
         None if load_n is None or area_mm2 is None else load_n / area_mm2,
-        getattr(told.mean, axial),
-        getattr(told.mean_sigma, axial),
-        getattr(told.mean, transverse),
-        getattr(told.mean_sigma, transverse),
-        getattr(told.sd, axial),
+        getattr(message.mean, axial),
+        getattr(message.mean_sigma, axial),
+        getattr(message.mean, transverse),
+        getattr(message.mean_sigma, transverse),
+        getattr(message.sd, axial),
     )
-    points = {one.frame: one for one in view.strength.points} | {told.frame: point}
-    ordered = tuple(points[number] for number in sorted(points))[-_KEPT_FRAMES:]
-    return replace(view, strength=replace(view.strength, points=ordered, vsg_px=told.vsg_px))
+    points = {earlier.frame: earlier for earlier in view.strength.points} | {message.frame: point}
+    ordered = tuple(points[number] for number in sorted(points))[-_MAX_FRAMES:]
+    return replace(view, strength=replace(view.strength, points=ordered, vsg_px=message.vsg_px))
 
 
-def _elastic(view: PageState, told: ElasticMessage) -> PageState:
-    modulus, ratio = told.youngs_modulus_gpa, told.poissons_ratio
+def _elastic(view: PageState, message: ElasticMessage) -> PageState:
+    modulus, ratio = message.youngs_modulus_gpa, message.poissons_ratio
     row = ElasticRow(
-        told.pairs or told.revision,
+        message.pairs or message.revision,
         None if modulus is None else modulus.value,
         None if modulus is None else modulus.sigma,
         None if ratio is None else ratio.value,
         None if ratio is None else ratio.sigma,
     )
-    gage = None if told.gage is None else (told.gage.dic_over_gage.value, told.gage.dic_over_gage.sigma)
-    earlier = (one for one in view.strength.elastic if one.pairs != row.pairs)
-    elastic = (*earlier, row)[-_KEPT_FRAMES:]
+    gage = None if message.gage is None else (message.gage.dic_over_gage.value, message.gage.dic_over_gage.sigma)
+    earlier = (constants for constants in view.strength.elastic if constants.pairs != row.pairs)
+    elastic = (*earlier, row)[-_MAX_FRAMES:]
     return replace(view, strength=replace(view.strength, elastic=elastic, dic_over_gage=gage))
 
 

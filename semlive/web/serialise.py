@@ -21,27 +21,27 @@ def state_diff(before: PageState, now: PageState) -> dict[str, Any]:
     """Return the parts that differ; of the load series, the new rows."""
     parts = {name: _part(now, name) for name in PARTS if getattr(before, name) is not getattr(now, name)}
     if before.load is not now.load:
-        known = len(before.load.rows) if before.load.width_s == now.load.width_s else 0
-        parts["load"] = {"from": known, **_load(now.load, known)}
+        sent_rows = len(before.load.rows) if before.load.width_s == now.load.width_s else 0
+        parts["load"] = {"from": sent_rows, **_load(now.load, sent_rows)}
     return parts
 
 
-def to_json_line(told: dict[str, Any]) -> str:
+def to_json_line(content: dict[str, Any]) -> str:
     """Return one line of JSON.
 
     Raises:
         ValueError: a number is NaN or infinite.
     """
-    return json.dumps(told, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def _part(view: PageState, name: str) -> Any:
     part = getattr(view, name)
     if isinstance(part, Drift):
-        return {**_shallow(part), "frames": [{"frame": one.frame, "rows": one.rows} for one in part.frames]}
+        return {**_shallow(part), "frames": [{"frame": drift.frame, "rows": drift.rows} for drift in part.frames]}
     if name == "schedule":
         done, measures = part.done, part.measures
-        ahead = part.planned[len([one for one in done if not one.warm_up]) :]
+        ahead = part.planned[len([step for step in done if not step.warm_up]) :]
         more = (asdict(ahead[0]) | {"warm_up": True, "load_n": None, "phase": "calibration"},) if measures and ahead else ()
         return {"done": len(done), "steps": [*map(asdict, done), *more, *map(asdict, ahead)]}
     return _plain(part)
@@ -49,7 +49,7 @@ def _part(view: PageState, name: str) -> Any:
 
 def _plain(part: Any) -> Any:
     if isinstance(part, tuple):
-        return [_plain(one) for one in part]
+        return [_plain(item) for item in part]
     return asdict(part) if is_dataclass(part) and not isinstance(part, type) else part
 
 
@@ -57,9 +57,9 @@ def _shallow(part: Any) -> dict[str, Any]:
     return {name: getattr(part, name) for name in part.__dataclass_fields__}
 
 
-def _load(trace: DownsampledSeries, known: int) -> dict[str, Any]:
-    rows = [*trace.rows[known:], *([trace.current_bin] if trace.current_bin else [])]
-    return {"rows": [_row(one) for one in rows]}
+def _load(trace: DownsampledSeries, sent_rows: int) -> dict[str, Any]:
+    rows = [*trace.rows[sent_rows:], *([trace.current_bin] if trace.current_bin else [])]
+    return {"rows": [_row(row) for row in rows]}
 
 
 def _row(row: LoadRow) -> tuple[float, ...]:

@@ -35,8 +35,8 @@ from bench_peers import interpreter
 
 from semlive import dic
 from semlive.dic.correlate import solve
-from semlive.dic.initial_guess import match
-from semlive.kernels import interface
+from semlive.dic.initial_guess.search import match
+from semlive.kernels import images
 
 SUBSETS = (9, 13, 17, 21, 25, 33, 41, 49)
 AMPLITUDE_PX, DEGREE, PASSED = 0.5, 12, 0.9
@@ -125,8 +125,8 @@ def ours(believed: bool = False, **options: str) -> Measure:
         roi = (half, row - SIDE, width - 1 - half, row + SIDE)
         settings = dic.DicSettings(subset_px=subset, step_px=1, roi_px=roi, **options)  # pyright: ignore[reportArgumentType]
         grid = dic.grid_for(settings, width, height)
-        prepared, grey = dic.prepare(reference, grid, settings), interface.to_float32_grey(current)
-        found = solve(prepared, interface.interpolator(grey), match(prepared.coarse, grey), settings)
+        prepared, grey = dic.prepare(reference, grid, settings), images.to_float32_grey(current)
+        found = solve(prepared, images.interpolator(grey), match(prepared.coarse, grey), settings)
         v, valid = found.parameters[..., 3], found.status == dic.PoiStatus.CONVERGED
         if believed:
             valid = dic.correlate(prepared, current, settings, reference_frame=0, current_frame=1).valid

@@ -35,8 +35,9 @@ from semlive import dic
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.correlate import ORDER, solve
-from semlive.dic.initial_guess import match, smooth_field
-from semlive.kernels import interface, threads
+from semlive.dic.initial_guess.fields import smooth_field
+from semlive.dic.initial_guess.search import match
+from semlive.kernels import images, interface, threads
 from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR
 
 RUNS = 15
@@ -166,9 +167,9 @@ def scaling(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], grid: Grid) -> No
 
 def kernel(reference: dic.Reference, image: NDArray[np.uint8], grid: Grid) -> Callable[[], object]:
     """IC-GN alone, from the first guesses on."""
-    current = interface.to_float32_grey(image)
+    current = images.to_float32_grey(image)
     seeds = smooth_field(match(reference.coarse, current), grid)
-    interpolator = interface.interpolator(current, ORDER[SETTINGS.interpolation])
+    interpolator = images.interpolator(current, ORDER[SETTINGS.interpolation])
     todo = np.full(grid.shape, SEED_FROM_NEIGHBOUR, dtype=np.uint8)
     out = interface.Solutions(
         np.zeros((*grid.shape, 6)), np.zeros(grid.shape), np.zeros(grid.shape, np.uint8), np.zeros(grid.shape, np.int32)
@@ -210,8 +211,8 @@ def accuracy(images: tuple[NDArray[np.float64], NDArray[np.float64]], grid: Grid
     for noise in (0.0, 2.0, 5.0, 7.0):
         first, second = (expose(image, noise, seed) for seed, image in enumerate(images))
         reference = dic.prepare(first, grid, SETTINGS)
-        current = interface.to_float32_grey(second)
-        interpolator = interface.interpolator(current, ORDER[SETTINGS.interpolation])
+        current = images.to_float32_grey(second)
+        interpolator = images.interpolator(current, ORDER[SETTINGS.interpolation])
         iterations = solve(reference, interpolator, match(reference.coarse, current), SETTINGS).iterations.mean()
         m = dic.correlate(reference, second, SETTINGS, reference_frame=0, current_frame=1)
         ok = m.valid

@@ -29,8 +29,8 @@ from typing import Any
 
 import yaml
 
-from semlive.cli.demo import daemon_config
-from semlive.cli.simulator import running_simulator
+from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulator import running_simulator
 from semlive.errors import SemliveError
 from semlive.service.log.files import messages
 from semlive.service.log.tail import LogTail

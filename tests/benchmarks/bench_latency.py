@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from semlive.cli.demo import daemon_config
-from semlive.cli.simulator import running_simulator
+from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulator import running_simulator
 from semlive.formats.log.reader import LogMessage
 from semlive.service.log.files import messages
 

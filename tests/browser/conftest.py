@@ -19,8 +19,8 @@ import yaml
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from semlive.cli.demo import daemon_config
-from semlive.cli.simulator import running_simulator
+from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 
 # A browser on two busy cores; where a page must be quick, its test says how quick.

@@ -228,7 +228,7 @@ def test_abort_asks_and_keys_are_enough(run: Run, tab: Callable[..., Page]) -> N
         page.keyboard.press("Tab")
     expect(page.get_by_role("button", name="Abort…")).to_be_focused()
     page.keyboard.press("Enter")
-    expect(page.get_by_role("button", name="Go on")).to_be_focused()
+    expect(page.get_by_role("button", name="Continue")).to_be_focused()
     page.keyboard.press("Enter")
     assert not run.heard
     page.keyboard.press("Enter")
@@ -334,7 +334,7 @@ def test_the_newest_frame_is_shown_though_it_came_while_another_was_fetched(run:
     with page.expect_request("**/frame/1.png"):
         run.export(1, "first.tif")
     run.export(2, "second.tif")
-    expect(page.locator("#refused-now")).to_contain_text("2 files came")
+    expect(page.locator("#refused-now")).to_contain_text("2 files arrived")
     held[0].continue_()
     expect(page.locator("#frame-now")).to_contain_text("second.tif")
 

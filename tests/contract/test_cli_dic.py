@@ -10,7 +10,7 @@ import tifffile
 import typer
 from typer.testing import CliRunner
 
-from semlive.cli.dic import dic
+from semlive.cli.without_run.dic import dic
 from semlive.dic import banded
 from semlive.errors import BadInput
 
@@ -92,7 +92,9 @@ def test_a_poor_pattern_is_told_with_its_figure(folder):
     assert result.exit_code == 0
     assert len(json.loads(result.stdout)) == 5  # a contract: nothing new in it
     told = [line for line in result.stderr.splitlines() if line.startswith(str(folder / "faint.tif"))]
-    assert any("the pattern's contrast is 3.2 grey levels" in line and "raise the detector's contrast" in line for line in told)
+    assert any(
+        "the contrast of the pattern is 3.2 grey levels" in line and "increase the contrast of the detector" in line for line in told
+    )
     masked = np.zeros(faint.shape, np.uint8)
     cv2.imwrite(str(folder / "nothing.png"), masked)
     result = run(folder / "faint.tif", folder / "faint.tif", "--subset", 31, "--mask", folder / "nothing.png", "--json")
@@ -189,8 +191,8 @@ def test_a_wrong_file_is_told_before_anything_is_written(folder):
         (["ref.tif", "a.tif", "--subset", "20"], "subset_px must be odd"),
         (["ref.tif", "a.tif", "--step", "0"], "step_px must be at least 1"),
         (["ref.tif", "a.tif", "--mask", "small.tif"], "small.tif: is 120 x 80 px but"),
-        (["ref.tif", "a.tif", "--shape", "cubic"], "--shape cubic: is not known; take affine or quadratic"),
-        (["ref.tif", "a.tif", "--search", "0"], "--search 0: is no distance"),
+        (["ref.tif", "a.tif", "--shape", "cubic"], "--shape cubic: no such choice; give affine or quadratic"),
+        (["ref.tif", "a.tif", "--search", "0"], "--search 0: must be more than 0"),
         (["ref.tif", "a.tif", "--roi", "1,2,3"], "--roi 1,2,3: is not four whole numbers"),
         (["ref.tif", "a.tif", "--subset", "101"], "no subset of 101 px fits into the whole frame"),
         (["ref.tif", "a.tif", "--out", "."], "is a folder"),

@@ -76,7 +76,7 @@ def test_another_device_is_told_in_a_table_and_by_the_exit_code(bench: tuple[int
     assert "bad" in out
     assert "confirm before motion" in " ".join(out.split())
     assert "Oriental Motor AZ" in error
-    assert "findings are bad" in error
+    assert "checks failed" in error
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from semlive.cli.inspect import inspect
+from semlive.cli.before_run.inspect import inspect
 from semlive.errors import BadImage
 from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle

@@ -40,6 +40,8 @@ BREAKS = [
     ("layers-diagnose", "semlive/diagnose/rows/broken.py", "import semlive.diagnose.intensity.verdict"),
     ("layers-service", "semlive/service/storage/broken.py", "import semlive.service.log.recording"),
     ("layers-service", "semlive/service/analysis/broken.py", "import semlive.service.control.control"),
+    ("layers-cli", "semlive/cli/after_run/broken.py", "import semlive.cli.during_run.run"),
+    ("layers-cli", "semlive/cli/shared/broken.py", "import semlive.cli.lazy"),
     ("no-plugins", "semlive/service/broken.py", "import semlive_drivers.modbus"),
     ("no-plugins", "semlive/cli/broken.py", "import semlive_simulators"),
     ("no-inverse-crime", "simulators/semlive_simulators/broken.py", "import semlive.model"),

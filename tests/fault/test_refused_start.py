@@ -79,7 +79,7 @@ def test_a_refused_start_leaves_its_fault_and_the_name_can_be_run_again(patient:
     report = subprocess.run(
         [sys.executable, "-m", "semlive", "report", str(patient.log)], capture_output=True, text=True, check=False, cwd=patient.folder
     )
-    assert "its alarms and refused frames are in" in " ".join(report.stderr.split()), report.stderr
+    assert "its alarms and rejected frames are in" in " ".join(report.stderr.split()), report.stderr
     assert any("open is refused" in page.read_text(encoding="utf-8") for page in patient.folder.rglob("*.html"))
     assert "ramp_to" not in patient.calls()
     patient.gets_well("load frame is refused open")

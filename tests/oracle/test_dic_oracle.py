@@ -8,9 +8,9 @@ from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.dic.correlate import solve
-from semlive.dic.initial_guess import match
+from semlive.dic.initial_guess.search import match
 from semlive.dic.uncertainty import interpolation_noise_gain
-from semlive.kernels import interface
+from semlive.kernels import images, interface
 from semlive.kernels.icgn import SEEDED
 
 HALF = 15
@@ -21,19 +21,19 @@ SETTINGS = DicSettings(subset_px=2 * HALF + 1, step_px=9, roi_px=(30, 30, 100, 7
 def test_prefilter_is_scipys(shape):
     image = np.random.default_rng(1).uniform(-120.0, 120.0, shape).astype(np.float32)
     expected = ndimage.spline_filter(image.astype(np.float64), order=3, mode="mirror")
-    assert np.max(np.abs(interface.coefficients(image) - expected)) < 2e-4
+    assert np.max(np.abs(images.coefficients(image) - expected)) < 2e-4
 
 
 def test_coefficients_interpolate_the_samples():
     image = np.random.default_rng(2).uniform(-120.0, 120.0, (50, 40)).astype(np.float32)
-    c = np.pad(interface.coefficients(image).astype(np.float64), 1, mode="reflect")
+    c = np.pad(images.coefficients(image).astype(np.float64), 1, mode="reflect")
     rows = (c[:-2] + 4.0 * c[1:-1] + c[2:]) / 6.0
     assert np.max(np.abs((rows[:, :-2] + 4.0 * rows[:, 1:-1] + rows[:, 2:]) / 6.0 - image)) < 1e-4
 
 
 def test_interpolator_is_mirrored_about_the_outer_samples():
     image = np.random.default_rng(3).uniform(-1.0, 1.0, (30, 40)).astype(np.float32)
-    c = interface.interpolator(image)
+    c = images.interpolator(image)
     assert np.array_equal(c[2:-2, 0], c[2:-2, 4])
     assert np.array_equal(c[2:-2, 2 + 40 + 1], c[2:-2, 2 + 40 - 3])
     assert np.array_equal(c[1], c[3])
@@ -43,7 +43,7 @@ def test_line_derivative_is_the_splines():
     lines = np.random.default_rng(4).uniform(-1.0, 1.0, (7, 60)).astype(np.float32)
     h = 1e-4
     x = np.arange(1.0, 59.0)
-    for line, derivative in zip(lines, interface.spline_line_derivative(lines), strict=True):
+    for line, derivative in zip(lines, images.spline_line_derivative(lines), strict=True):
         c = ndimage.spline_filter1d(line.astype(np.float64), order=3, mode="mirror")
         ahead, behind = (ndimage.map_coordinates(c, [x + s], order=3, mode="mirror", prefilter=False) for s in (h, -h))
         assert np.max(np.abs((ahead - behind) / (2.0 * h) - derivative)) < 1e-5
@@ -66,8 +66,8 @@ def solved_pair(noise):
     first, second = smooth_random_pair(noise)
     grid = dic.grid_for(SETTINGS, 140, 110)
     reference = dic.prepare(first, grid, SETTINGS)
-    current = interface.to_float32_grey(second)
-    solutions = solve(reference, interface.interpolator(current), match(reference.coarse, current), SETTINGS)
+    current = images.to_float32_grey(second)
+    solutions = solve(reference, images.interpolator(current), match(reference.coarse, current), SETTINGS)
     assert np.all(solutions.status == PoiStatus.CONVERGED)
     return first.astype(float), second.astype(float), grid, reference, solutions
 
@@ -98,7 +98,7 @@ def solved_steep():
     solutions = interface.Solutions(np.zeros((1, 1, 6)), np.zeros((1, 1)), np.zeros((1, 1), np.uint8), np.zeros((1, 1), np.int32))
     interface.correlate(
         reference.sums,
-        interface.interpolator(interface.to_float32_grey(second)),
+        images.interpolator(images.to_float32_grey(second)),
         np.full((1, 1), SEEDED, np.uint8),
         0.9 * p.reshape(1, 1, 6),
         solutions,

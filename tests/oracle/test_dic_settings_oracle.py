@@ -8,7 +8,7 @@ from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.dic.uncertainty import interpolation_noise_gain
-from semlive.kernels import interface, warp
+from semlive.kernels import images, interface, warp
 from semlive.kernels.icgn import SEEDED
 
 HALF = 15
@@ -26,13 +26,13 @@ CASES = [
 def test_quintic_prefilter_is_scipys(shape):
     image = np.random.default_rng(1).uniform(-120.0, 120.0, shape).astype(np.float32)
     expected = ndimage.spline_filter(image.astype(np.float64), order=5, mode="mirror")
-    assert np.max(np.abs(interface.coefficients(image, 5) - expected)) < 2e-3  # coefficients reach 5000
+    assert np.max(np.abs(images.coefficients(image, 5) - expected)) < 2e-3  # coefficients reach 5000
 
 
 def test_quintic_interpolator_is_mirrored_about_the_outer_samples():
     image = np.random.default_rng(3).uniform(-1.0, 1.0, (30, 40)).astype(np.float32)
-    c = interface.interpolator(image, 5)
-    expected = np.pad(interface.coefficients(image, 5), 3, mode="reflect")
+    c = images.interpolator(image, 5)
+    expected = np.pad(images.coefficients(image, 5), 3, mode="reflect")
     assert np.array_equal(c[:, :46], expected)
     assert not c[:, 46:].any()
 
@@ -90,7 +90,7 @@ def solved(interpolation, shape_function, masked):
     seeds = np.zeros((*shape, 6))
     seeds[..., 0], seeds[..., 3] = -2.4 + 4e-3 * (x - 70), 1.7 + 2e-3 * (x - 70)
     interface.correlate(
-        reference.sums, interface.interpolator(interface.to_float32_grey(second), ORDER[interpolation]), np.full(shape, SEEDED, np.uint8),
+        reference.sums, images.interpolator(images.to_float32_grey(second), ORDER[interpolation]), np.full(shape, SEEDED, np.uint8),
         seeds, solutions,
         max_iterations=50, tolerance_px=1e-5, min_zncc=0.5, max_travel_px=4.0, order=ORDER[interpolation],
     )  # fmt: skip

@@ -16,8 +16,8 @@ import pytest
 import yaml
 from pymodbus.client import ModbusTcpClient
 
-from semlive.cli.demo import daemon_config
-from semlive.cli.simulator import running_simulator
+from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.tail import LogTail
 
 RATE = 20.0

@@ -14,8 +14,8 @@ import yaml
 from mcap.reader import make_reader
 from pymodbus.client import ModbusTcpClient
 
-from semlive.cli.demo import daemon_config
-from semlive.cli.simulator import running_simulator
+from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulator import running_simulator
 
 from .conftest import Instrument
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 import yaml
 
-from semlive.cli.demo import daemon_config
-from semlive.cli.simulator import running_simulator
+from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 
 RATE = 20.0

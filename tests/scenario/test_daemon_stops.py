@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from semlive.cli.simulator import running_simulator
+from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 
 

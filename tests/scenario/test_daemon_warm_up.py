@@ -13,8 +13,8 @@ import pytest
 import yaml
 from scipy.interpolate import CubicHermiteSpline
 
-from semlive.cli.demo import daemon_config
-from semlive.cli.simulator import running_simulator
+from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 from semlive.service.replay.replay import ReplayRequest, replay
 

@@ -1,4 +1,4 @@
-"""Is everything in place that a run needs? Each finding says what was looked at, what is so, and how to mend it; nothing is moved."""
+"""Checks before a run. Each finding names the item, its state and the remedy; nothing is moved."""
 
 from semlive.service.checks.run_checks import run_checks
 

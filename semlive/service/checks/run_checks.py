@@ -1,4 +1,4 @@
-"""All that is looked at, in order."""
+"""All checks, in their order."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from semlive.service.config.configuration import Config
 from semlive.service.config.plausibility import questions
 from semlive.service.planning.stop_distances import StopPlan, stop_advice, stop_plan
 
-# Before the first frame nobody knows its size, which no configuration says: room for 8 bit of 2048 x 1768 px. A pair of 1024 x 884 px,
-# with its maps, fields and pictures, takes about 10 MB.
+# The size of the frames is unknown before the first frame: this assumes 8 bit and 2048 x 1768 px. A pair of 1024 x 884 px with its maps,
+# fields and pictures takes about 10 MB.
 _BYTES_PER_PAIR = 40_000_000
 
 
 def run_checks(config: Config | None) -> Iterator[Finding]:
-    """What a run needs, one by one; nothing is moved, and no byte goes to a device.
+    """Run the checks one by one; nothing is moved, and no byte is sent to a device.
 
     Args:
-        config: of the run; None looks at the computer alone.
+        config: configuration of the run; None: only the computer is checked.
     """
     yield Finding("semlive", version("semlive"), Verdict.OK)
     yield computer.processor()
@@ -44,19 +44,21 @@ def run_checks(config: Config | None) -> Iterator[Finding]:
 
 
 def _unusual(config: Config) -> Iterator[Finding]:
-    """Implausible values; a run refuses those that the file does not confirm."""
-    for one in questions(config):
-        yield Finding(one.key, one.what, Verdict.UNKNOWN if one.confirmed else Verdict.FAILED, one.advice)
+    """Implausible values; a run rejects those that the file does not confirm."""
+    for question in questions(config):
+        yield Finding(question.key, question.what, Verdict.UNKNOWN if question.confirmed else Verdict.FAILED, question.advice)
 
 
 def _stops(stops: StopPlan) -> Finding:
-    """The fault that can carry the load farthest before it is stopped; the device is not asked, so its noise is left out."""
-    case, far = stops.case, stops.worst
-    if far is None or far.worst_n is None:
-        said = f"nothing bounds the load on the ramp to {case.target_n:g} N"
+    """The fault with the largest load before the stop, without the noise of the force reading, because no device is read."""
+    case, worst = stops.case, stops.worst
+    if worst is None or worst.worst_n is None:
+        observation = f"the load is not bounded on the ramp to {case.target_n:g} N"
     else:
-        after = "" if far.seconds is None else f" within {far.seconds:.1f} s"
-        said = f"worst: if {far.fault}, the load reaches at most {far.worst_n:.0f} N{after}; the force limit is {case.limit_n:g} N"
-    wrong = list(stop_advice(stops))
-    advice = wrong[0] if wrong else "semlive plan shows every fault; keep the emergency stop of the machine at hand"
-    return Finding("stops", said, Verdict.UNKNOWN if wrong else Verdict.OK, advice)
+        after = "" if worst.seconds is None else f" within {worst.seconds:.1f} s"
+        observation = (
+            f"worst: if {worst.fault}, the load reaches at most {worst.worst_n:.0f} N{after}; the force limit is {case.limit_n:g} N"
+        )
+    remedies = list(stop_advice(stops))
+    advice = remedies[0] if remedies else "semlive plan shows every fault; keep the emergency stop of the machine at hand"
+    return Finding("stops", observation, Verdict.UNKNOWN if remedies else Verdict.OK, advice)

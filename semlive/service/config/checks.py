@@ -34,10 +34,10 @@ CONFIRMABLE = (
     "limits.force_max_n",
 )
 """Keys whose implausible values can be confirmed (`semlive.service.config.plausibility`)."""
-_LONGEST_S = 1e7
-"""No run lasts longer; a larger time is a mistake of unit."""
-_LONGEST_STOP_S = 3600.0
-"""Nobody waits longer for machines to come to rest; a larger number is a mistake of unit."""
+_MAX_TIME_S = 1e7
+"""Longer than any run; a larger time has a wrong unit."""
+_MAX_STOP_S = 3600.0
+"""Longer than any machine takes to stop; a larger time has a wrong unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +68,9 @@ def contradictions(config: Config) -> Iterator[Contradiction]:
 
 def _limits(limits: Limits) -> Iterator[Contradiction]:
     for low, high, unit in (("force_min_n", "force_max_n", "N"), ("extension_min_mm", "extension_max_mm", "mm")):
-        least, most = getattr(limits, low), getattr(limits, high)
-        if not least < most:
-            yield Contradiction(("limits", low), f"{least:g} {unit} is not below {high}, {most:g} {unit}; correct one of the two")
+        minimum, maximum = getattr(limits, low), getattr(limits, high)
+        if not minimum < maximum:
+            yield Contradiction(("limits", low), f"{minimum:g} {unit} is not below {high}, {maximum:g} {unit}; correct one of the two")
     for field in dataclasses.fields(limits):
         value = getattr(limits, field.name)
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -87,8 +87,8 @@ def _limits(limits: Limits) -> Iterator[Contradiction]:
             f"{limits.lost_after_s:g} s is less than stale_after_s, {limits.stale_after_s:g} s: a link is lost after its readings are "
             "stale; correct one of the two",
         )
-    if limits.stop_timeout_s > _LONGEST_STOP_S:
-        yield Contradiction(("limits", "stop_timeout_s"), f"{limits.stop_timeout_s:g} s is more than {_LONGEST_STOP_S:g} s; write less")
+    if limits.stop_timeout_s > _MAX_STOP_S:
+        yield Contradiction(("limits", "stop_timeout_s"), f"{limits.stop_timeout_s:g} s is more than {_MAX_STOP_S:g} s; write less")
 
 
 def _loads(config: Config, limits: Limits) -> Iterator[Contradiction]:
@@ -115,13 +115,13 @@ def _loads(config: Config, limits: Limits) -> Iterator[Contradiction]:
 
 
 def largest_step_n(config: Config) -> float:
-    """The largest change of load of the plan, in N, begun without load; 0 where nothing is loaded."""
+    """Largest change of load of the plan, N, starting without load; 0 without loads."""
     loads = [0.0, *config.protocol.loads_n]
     return max((abs(after - before) for before, after in pairwise(loads)), default=0.0)
 
 
 def _times(config: Config) -> Iterator[Contradiction]:
-    """No time is so long that arithmetic in nanoseconds leaves its range."""
+    """Times whose arithmetic in nanoseconds would overflow."""
     protocol = config.protocol
     sections = (
         (("protocol",), protocol),
@@ -133,8 +133,8 @@ def _times(config: Config) -> Iterator[Contradiction]:
     for place, section in sections:
         for name in () if section is None else _names(section):
             value = getattr(section, name)
-            if name.endswith("_s") and not name.endswith("_n_s") and isinstance(value, int | float) and value > _LONGEST_S:
-                yield Contradiction((*place, name), f"{value:g} s is more than {_LONGEST_S:g} s, 115 days; write less")
+            if name.endswith("_s") and not name.endswith("_n_s") and isinstance(value, int | float) and value > _MAX_TIME_S:
+                yield Contradiction((*place, name), f"{value:g} s is more than {_MAX_TIME_S:g} s, 115 days; write less")
 
 
 def _names(section: object) -> tuple[str, ...]:
@@ -146,8 +146,8 @@ def _confirmed(config: Config) -> Iterator[Contradiction]:
     for index, key in enumerate(config.confirmed_unusual):
         if key not in CONFIRMABLE:
             close = difflib.get_close_matches(key, CONFIRMABLE, n=1, cutoff=0.4)
-            hint = f"did you mean {close[0]}?" if close else f"it takes {', '.join(CONFIRMABLE)}"
-            yield Contradiction(("confirmed_unusual", index), f"{key} is no key that is asked about; {hint}")
+            hint = f"did you mean {close[0]}?" if close else f"the keys are {', '.join(CONFIRMABLE)}"
+            yield Contradiction(("confirmed_unusual", index), f"{key} is not a key that can be confirmed; {hint}")
 
 
 def _ramps(config: Config) -> Iterator[Contradiction]:
@@ -161,7 +161,7 @@ def _ramps(config: Config) -> Iterator[Contradiction]:
 
 
 def _tolerances(config: Config) -> Iterator[Contradiction]:
-    """A load counts as reached within its tolerance: one as large as the step is reached without any motion."""
+    """Load tolerances as large as a step: the load would count as reached without any motion."""
     protocol, step_n = config.protocol, largest_step_n(config)
     if step_n <= 0:
         return
@@ -180,15 +180,15 @@ def _tolerances(config: Config) -> Iterator[Contradiction]:
     limits = config.limits
     if limits is not None and protocol.load_tolerance_n >= max(abs(limits.force_min_n), abs(limits.force_max_n)):
         yield Contradiction(
-            ("protocol", "load_tolerance_n"), f"{protocol.load_tolerance_n:g} N is as large as the force limits themselves; write less"
+            ("protocol", "load_tolerance_n"), f"{protocol.load_tolerance_n:g} N is as large as the force limits; write less"
         )
 
 
 def _scan(config: Config) -> Iterator[Contradiction]:
-    """Times and lengths of a scan are more than 0 where they are given."""
+    """Times and lengths of a scan that are not more than 0."""
     names = ("dwell_time_s", "row_time_s", "frame_time_s", "pixel_size_m", "field_width_mm_at_1x")
     rows = [(("sem", "profile"), config.sem.profile)]
-    rows += [(("sem", "scan_profiles", index), one) for index, one in enumerate(config.sem.scan_profiles)]
+    rows += [(("sem", "scan_profiles", index), speed) for index, speed in enumerate(config.sem.scan_profiles)]
     for place, row in rows:
         for name in names:
             value = getattr(row, name, None)

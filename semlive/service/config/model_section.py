@@ -13,7 +13,7 @@ _Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
 class ModelFieldConfig(BaseModel):
-    """Enough of an effect to predict it in any run."""
+    """Basis field of an effect: parameters that predict it in any run."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -32,7 +32,7 @@ class ModelEffectConfig(BaseModel):
 
 
 class ModelRun(BaseModel):
-    """The run that a model was found in."""
+    """The run from which the effects were estimated."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -42,18 +42,18 @@ class ModelRun(BaseModel):
 
 
 class ModelSection(BaseModel):
-    """What `--model` adds to a configuration."""
+    """Section that `--model` adds to a configuration."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     sha256: str
-    """Of the file."""
+    """SHA-256 of the model file."""
     effects: tuple[ModelEffectConfig, ...]
     run: ModelRun = ModelRun()
 
-    def known(self) -> EffectModel:
+    def effect_model(self) -> EffectModel:
         """Return the settings of the analysis."""
-        effects = tuple(ModelEffect(one.law.family, tuple(one.law.values.items()), one.law.size_px) for one in self.effects)
+        effects = tuple(ModelEffect(effect.law.family, tuple(effect.law.values.items()), effect.law.size_px) for effect in self.effects)
         width, height = self.run.width_px, self.run.height_px
         size_px = None if width is None or height is None else (width, height)
         return EffectModel(effects, size_px, self.run.pixel_size_um, self.sha256)

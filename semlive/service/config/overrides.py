@@ -18,7 +18,7 @@ from semlive.inputs.yaml_text import read_yaml
 
 _UNITS = ("_px", "_points", "_s", "_m", "_mm2")
 _OF_IMAGES = ("dic.", "scan.")
-_MODEL = "model"  # `--model` changes it, whole
+_MODEL = "model"  # `--model` replaces it completely
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +26,8 @@ class SettingOverride:
     """One setting and its new value.
 
     Attributes:
-        key: its whole name, as in ``dic.subset_px``.
-        value: checked for its type.
+        key: full name, as in ``dic.subset_px``.
+        value: value of the right type.
     """
 
     key: str
@@ -39,18 +39,18 @@ class SettingOverride:
         return self.key.startswith(_OF_IMAGES)
 
 
-def parse_changes(words: Iterable[str]) -> tuple[SettingOverride, ...]:
-    """``key=value`` words as changes; a key's unit may be left out (``dic.subset`` is ``dic.subset_px``).
+def parse_changes(texts: Iterable[str]) -> tuple[SettingOverride, ...]:
+    """Convert texts ``key=value`` into changes; the unit of a key may be left out (``dic.subset`` is ``dic.subset_px``).
 
     Raises:
-        BadConfig: a key is unknown (the nearest is named) or a value is not of its type.
+        BadConfig: a key is unknown (the message suggests the most similar one) or a value has the wrong type.
     """
-    known = _keys(AnalysisSettings)
-    return tuple(_change(word, known) for word in words)
+    types = _keys(AnalysisSettings)
+    return tuple(_change(text, types) for text in texts)
 
 
 def apply_overrides(settings: AnalysisSettings, changes: Iterable[SettingOverride]) -> AnalysisSettings:
-    """The settings with changes made.
+    """Return the settings with the changes applied.
 
     Raises:
         BadConfig: a value is out of its range.
@@ -65,7 +65,7 @@ def apply_overrides(settings: AnalysisSettings, changes: Iterable[SettingOverrid
 
 def as_keys(settings: AnalysisSettings) -> dict[str, Any]:
     """Return the value of every setting by its full name, as in ``dic.subset_px``."""
-    model = ", ".join(one.name for one in settings.model.effects)
+    model = ", ".join(effect.name for effect in settings.model.effects)
     return {key: _value(settings, key.split(".")) for key in _keys(AnalysisSettings)} | ({_MODEL: model} if model else {})
 
 
@@ -75,45 +75,45 @@ def _value(settings: Any, path: list[str]) -> Any:
     return settings
 
 
-def _keys(cls: type, before: str = "") -> dict[str, Any]:
+def _keys(cls: type, prefix: str = "") -> dict[str, Any]:
     """Return the full name and the type of every setting."""
-    found: dict[str, Any] = {}
+    types: dict[str, Any] = {}
     hints = typing.get_type_hints(cls)
-    for one in dataclasses.fields(cls):
-        if before + one.name == _MODEL:
+    for field in dataclasses.fields(cls):
+        if prefix + field.name == _MODEL:
             continue
-        kind = hints[one.name]
+        kind = hints[field.name]
         if dataclasses.is_dataclass(kind):
-            found |= _keys(typing.cast(type, kind), f"{before}{one.name}.")
+            types |= _keys(typing.cast(type, kind), f"{prefix}{field.name}.")
         else:
-            found[before + one.name] = kind
-    return found
+            types[prefix + field.name] = kind
+    return types
 
 
-def _change(word: str, known: Mapping[str, Any]) -> SettingOverride:
-    key, equals, text = word.partition("=")
+def _change(argument: str, types: Mapping[str, Any]) -> SettingOverride:
+    key, equals, text = argument.partition("=")
     key = key.strip()
     if not equals:
-        raise BadConfig(f"--set {word}: has no value; write key=value as in --set dic.subset=31.")
-    whole = next((name for name in (key, *(key + unit for unit in _UNITS)) if name in known), None)
-    if whole is None:
-        close = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
-        hint = f"did you mean {close[0]}?" if close else f"known keys are {', '.join(known)}"
-        raise BadConfig(f"--set {word}: unknown key {key}; {hint}")
+        raise BadConfig(f"--set {argument}: has no value; write key=value as in --set dic.subset=31.")
+    full_name = next((name for name in (key, *(key + unit for unit in _UNITS)) if name in types), None)
+    if full_name is None:
+        close = difflib.get_close_matches(key, types, n=1, cutoff=0.4)
+        hint = f"did you mean {close[0]}?" if close else f"known keys are {', '.join(types)}"
+        raise BadConfig(f"--set {argument}: unknown key {key}; {hint}")
     # On a command line a list is written without spaces.
     items = text.strip().removeprefix("[").removesuffix("]")
     try:
         given = read_yaml(f"[{', '.join(items.split(','))}]" if "," in text else text, "").value
     except BadConfig:
-        raise BadConfig(f"--set {word}: {text!r} is no value; write a number, a word or a list a,b,c.") from None
+        raise BadConfig(f"--set {argument}: {text!r} is no value; write a number, a name or a list a,b,c.") from None
     try:
-        value = TypeAdapter(known[whole]).validate_python(given)
+        value = TypeAdapter(types[full_name]).validate_python(given)
         changed = changed_kind(given, value)
         if changed is not None:
-            raise BadConfig(f"--set {word}: {changed[1]}.")
-        return SettingOverride(whole, value)
+            raise BadConfig(f"--set {argument}: {changed[1]}.")
+        return SettingOverride(full_name, value)
     except ValidationError as error:
-        raise BadConfig(f"--set {word}: {error.errors()[0]['msg'].lower()}; correct the value of {whole}.") from None
+        raise BadConfig(f"--set {argument}: {error.errors()[0]['msg'].lower()}; correct the value of {full_name}.") from None
 
 
 def _replaced(settings: Any, path: list[str], value: Any) -> Any:

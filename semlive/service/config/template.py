@@ -1,4 +1,4 @@
-"""A configuration as text with a comment on every key, from a few answers."""
+"""Text of a configuration with a comment on every key, from a few answers."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ StageKind = Literal["operator", "modbus"]
 Vendor = Literal["fei", "zeiss", "tescan", "jeol", "hitachi", "other"]
 
 DATABAR_VENDORS = ("zeiss",)
-"""Their databars are burnt into the image and not told of in the file."""
+"""Vendors whose databar is part of the image, without a header that gives its height."""
 
 
 @dataclass(frozen=True, slots=True)
 class LabSetup:
-    """What has to be known of a laboratory and an experiment to begin with.
+    """Answers about laboratory and experiment from which a configuration is written.
 
     Attributes:
-        name: of the run.
-        export_folder: where the SEM saves.
-        vendor: of the SEM.
+        name: name of the run.
+        export_folder: folder into which the SEM saves.
+        vendor: vendor of the SEM.
         pixel_size_um: edge of a pixel on the specimen, um.
-        frame: how the load frame is reached.
-        address: its host, its serial port, or what the operator calls its program.
-        device_map: its description.
-        stage: what moves the specimen.
-        specimen: its name.
-        area_mm2: its cross-section, mm^2.
-        loading_axis: image axis that is pulled.
-        max_load_n: the largest load of the plan, N.
+        frame: connection of the load frame.
+        address: host or serial port of the load frame, or the name of its program.
+        device_map: device map of the load frame.
+        stage: driver of the stage.
+        specimen: name of the specimen.
+        area_mm2: cross-section of the specimen, mm^2.
+        loading_axis: image axis of the load.
+        max_load_n: largest load of the plan, N.
         load_steps: number of loads.
     """
 
@@ -50,7 +50,7 @@ class LabSetup:
 
     @property
     def loads_n(self) -> tuple[float, ...]:
-        """From a tenth of the largest load, which takes up slack, in equal steps; none without a load frame."""
+        """Loads in equal steps from a tenth of the largest load, which removes slack; none without a load frame."""
         if self.frame == "none":
             return ()
         first, count = 0.1 * self.max_load_n, max(self.load_steps, 2)
@@ -84,14 +84,14 @@ LAB_PRESETS: dict[str, LabSetup] = {
         max_load_n=300.0,
     ),
 }
-"""Three kinds of lab, as deploy/examples shows them."""
+"""Three kinds of laboratory, as in deploy/examples."""
 
 
 def configuration_text(lab: LabSetup) -> str:
-    """A whole configuration; every key that `semlive run` needs, and the most useful others, with its unit.
+    """Text of a configuration with every key that `semlive run` needs and the most useful other ones, with units.
 
     Args:
-        lab: the answers.
+        lab: answers about the laboratory.
     """
     sections = [_head(lab), _sem(lab), _load_frame(lab), _stage(lab), _specimen(lab), _protocol(lab), _limits(lab), _numerics()]
     return "\n\n".join(section for section in sections if section) + "\n"
@@ -99,41 +99,43 @@ def configuration_text(lab: LabSetup) -> str:
 
 def _head(lab: LabSetup) -> str:
     return _lines(
-        "# A run of semlive. Look at it with: semlive doctor FILE, semlive plan FILE; then: semlive run FILE --attended",
-        "# Keys that are left out have their defaults; a key that does not exist is refused, with the one that was meant.",
+        "# A run of semlive. Check it with: semlive doctor FILE, semlive plan FILE; then: semlive run FILE --attended",
+        "# Keys that are left out have their defaults; an unknown key is rejected, with the most similar key.",
         "",
         "run:",
-        (f"  name: {lab.name}", "names the log, <folder>/<name>/<name>.000.mcap; each run needs a new one"),
-        ("  folder: runs", "where logs go, relative to this file: a disk of this computer, not a share"),
+        (f"  name: {lab.name}", "name of the log, <folder>/<name>/<name>.000.mcap; each run needs a new one"),
+        ("  folder: runs", "folder of the logs, relative to this file: a disk of this computer, not a network share"),
     )
 
 
 def _sem(lab: LabSetup) -> str:
-    vendor = () if lab.vendor == "other" else ((f"  vendor: {lab.vendor}", "a file counts only with this vendor's header"),)
-    bar = ("    # databar_rows: 64", "px, rows of the databar below the image, if the microscope burns one in")
+    vendor = (
+        () if lab.vendor == "other" else ((f"  vendor: {lab.vendor}", "a file counts as complete only with the header of this vendor"),)
+    )
+    bar = ("    # databar_rows: 64", "px, rows of the databar below the image, if the image contains one")
     times: Sequence[str | tuple[str, str]] = ()
     if lab.vendor == "other":
         times = (
-            ("    dwell_time_s: 1.0e-4", "s, time on one pixel; plain files do not tell it"),
-            ("    row_time_s: 0.1071", "s, from one row's start to the next, fly-back included"),
+            ("    dwell_time_s: 1.0e-4", "s, time on one pixel; plain files do not contain it"),
+            ("    row_time_s: 0.1071", "s, from the start of one row to the next, fly-back included"),
         )
     elif lab.vendor in ("tescan", "jeol", "hitachi"):
         times = (
-            "    # these files do not tell all scan times: semlive inspect FILE says which are missing",
-            ("    dwell_time_s: 1.0e-5", "s, time on one pixel; used where the file does not tell"),
-            ("    row_time_s: 1.1e-2", "s, from one row's start to the next, fly-back included; used where the file does not tell"),
+            "    # these files do not contain all scan times: semlive inspect FILE shows which are missing",
+            ("    dwell_time_s: 1.0e-5", "s, time on one pixel; used if the file has none"),
+            ("    row_time_s: 1.1e-2", "s, from the start of one row to the next, fly-back included; used if the file has none"),
         )
     return _lines(
         "sem:",
-        (f"  folder: {_quoted(lab.export_folder)}", "where the microscope's auto-save writes; a share is fine"),
+        (f"  folder: {_quoted(lab.export_folder)}", "folder of the auto-save of the microscope; a network share is possible"),
         *vendor,
-        (f"  pixel_size_um: {lab.pixel_size_um:g}", "um, edge of a pixel on the specimen; turns shifts in px into stage motion"),
-        ("  poll_s: 1.0", "s, between looks into the folder"),
-        ("  stable_for_s: 2.0", "s, a file is believed complete when it has stood still for so long"),
+        (f"  pixel_size_um: {lab.pixel_size_um:g}", "um, edge of a pixel on the specimen; converts shifts in px into stage motion"),
+        ("  poll_s: 1.0", "s, interval at which the folder is checked"),
+        ("  stable_for_s: 2.0", "s, a file counts as complete after this time without change"),
         "  profile:",
-        ("    start_anchor: end", "what the time in the files marks: start or end of the scan, or save"),
-        ("    start_sigma_s: 0.3", "s, standard uncertainty of the start that follows from it"),
-        ("    clock_offset_s: 0", "s, the SEM's clock minus UTC, time zone included; semlive says what it finds"),
+        ("    start_anchor: end", "meaning of the time in the files: start or end of the scan, or save"),
+        ("    start_sigma_s: 0.3", "s, standard uncertainty of the start time that follows from it"),
+        ("    clock_offset_s: 0", "s, clock of the SEM minus UTC, time zone included; semlive reports the measured value"),
         *times,
         *((bar,) if lab.vendor in DATABAR_VENDORS else ()),
     )
@@ -146,48 +148,48 @@ def _load_frame(lab: LabSetup) -> str:
     if lab.frame == "modbus":
         host, _, port = lab.address.partition(":")
         head += [
-            ("  driver: modbus", "one device behind Modbus, described by a register map"),
+            ("  driver: modbus", "one device with Modbus, described by a register map"),
             ("  poll_s: 0.05", "s, between readings"),
             "  settings:",
-            (f"    map: {lab.device_map}", "description of the device: semlive frame check MAP looks without moving"),
-            (f"    host: {host}", "its address"),
+            (f"    map: {lab.device_map}", "device map: semlive frame check MAP checks it without motion"),
+            (f"    host: {host}", "address of the device"),
             (f"    port: {port or 502}", "TCP port"),
             ("    unit: 1", "Modbus unit (slave) number"),
-            ("    watchdog_s: 2.0", "s, the device stops by itself when it was not spoken to for so long"),
-            ("    # confirmed: true", "when somebody has held the description beside the machine"),
+            ("    watchdog_s: 2.0", "s, the device stops by itself after this time without communication"),
+            ("    # confirmed: true", "set after the device map was compared with the machine"),
         ]
     elif lab.frame == "serial":
         head += [
-            ("  driver: ascii", "one device that speaks text over a serial line"),
+            ("  driver: ascii", "one device with a text protocol on a serial line"),
             ("  poll_s: 0.2", "s, between readings"),
             "  settings:",
-            (f"    map: {lab.device_map}", "description of the device: semlive frame check MAP looks without moving"),
-            (f"    serial: {{port: {_quoted(lab.address)}}}", "its port; baud and parity are in the description"),
-            ("    approach:", "how a stand that knows no load is brought to one, by short ways"),
+            (f"    map: {lab.device_map}", "device map: semlive frame check MAP checks it without motion"),
+            (f"    serial: {{port: {_quoted(lab.address)}}}", "serial port; baud rate and parity are in the device map"),
+            ("    approach:", "load approach of a test stand without load control, in short motions"),
             (
                 f"      stiffness_n_mm: {lab.max_load_n:g}",
-                "N/mm, of specimen, grips and stand in series: measure it; rather too high than too low",
+                "N/mm, of specimen, grips and stand in series: measure it; too high is safer than too low",
             ),
-            ("      speed_max_mm_s: 0.05", "mm/s, never faster"),
-            ("      speed_min_mm_s: 0.0084", "mm/s, the slowest that the stand can do"),
-            (f"      arrived_n: {load_tolerance_n(lab):g}", "N, this close to the target the motion is over"),
-            ("    # confirmed: true", "when somebody has held the description beside the machine"),
+            ("      speed_max_mm_s: 0.05", "mm/s, maximum speed"),
+            ("      speed_min_mm_s: 0.0084", "mm/s, minimum speed of the stand"),
+            (f"      arrived_n: {load_tolerance_n(lab):g}", "N, distance from the target at which the motion ends"),
+            ("    # confirmed: true", "set after the device map was compared with the machine"),
         ]
     else:
         head += [
-            ("  driver: operator", "closed software: a hand moves the frame when asked to"),
+            ("  driver: operator", "closed software: the operator moves the load frame on request"),
             ("  poll_s: 0.2", "s, between readings"),
             "  settings:",
-            (f"    program: {lab.address}", "what the operator calls the maker's program"),
-            (f"    arrived_n: {load_tolerance_n(lab):g}", "N, this close to the target the motion is over"),
-            "    # load_file:                   # the file that the program records into; without it the operator types the load",
+            (f"    program: {lab.address}", "name of the program of the manufacturer"),
+            (f"    arrived_n: {load_tolerance_n(lab):g}", "N, distance from the target at which the motion ends"),
+            "    # load_file:                   # file into which the program records; without it the operator types the load",
             "    #   {file: 'C:/microtest/*.csv', force: {column: Force, unit: N}, extension: {column: 3, unit: mm}}",
         ]
     return _lines(*head)
 
 
 def load_tolerance_n(lab: LabSetup) -> float:
-    """How close to its target a load is brought; one that is called arrived within the tolerance itself leaves it with the next reading."""
+    """Distance from the target load at which a motion ends, N; smaller than the load tolerance, so that noise does not exceed it."""
     fraction = {"modbus": 0.0025, "serial": 0.005}.get(lab.frame, 0.01)
     return max(fraction * lab.max_load_n, 0.1)
 
@@ -196,13 +198,13 @@ def _stage(lab: LabSetup) -> str:
     if lab.stage == "modbus":
         return _lines(
             "stage:",
-            ("  driver: modbus", "the specimen's stage, or the beam's shift with kind: beam"),
-            ("  settings: {host: 192.168.1.20, port: 502, unit: 1, kind: specimen}", "where it is reached, and what it moves"),
+            ("  driver: modbus", "stage of the specimen, or the beam shift with kind: beam"),
+            ("  settings: {host: 192.168.1.20, port: 502, unit: 1, kind: specimen}", "address, and what is moved"),
         )
     return _lines(
         "stage:",
-        ("  driver: operator", "a hand moves the specimen: semlive says how far, and waits for Enter"),
-        (f"  settings: {{um_per_px: {lab.pixel_size_um:g}}}", "um per px, so that it is asked in pixels too"),
+        ("  driver: operator", "the operator moves the specimen: semlive shows the distance, and waits for Enter"),
+        (f"  settings: {{um_per_px: {lab.pixel_size_um:g}}}", "um per px, so that the prompt shows the distance in pixels, too"),
     )
 
 
@@ -210,34 +212,34 @@ def _specimen(lab: LabSetup) -> str:
     return _lines(
         "specimen:",
         (f"  name: {_quoted(lab.specimen)}", "free text"),
-        (f"  area_mm2: {lab.area_mm2:g}", "mm^2, cross-section; its uncertainty is yours to add to that of E"),
-        (f"  loading_axis: {lab.loading_axis}", "the image axis that is pulled, x (columns) or y (rows)"),
+        (f"  area_mm2: {lab.area_mm2:g}", "mm^2, cross-section; add its uncertainty to that of E"),
+        (f"  loading_axis: {lab.loading_axis}", "image axis of the load, x (columns) or y (rows)"),
     )
 
 
 def _protocol(lab: LabSetup) -> str:
     unloaded: tuple[str | tuple[str, str], ...] = (
         "protocol:",
-        ("  calibration_shifts_px:", "px, places of the unloaded pairs (x, y), both directions: they tell the distortion"),
+        ("  calibration_shifts_px:", "px, positions of the unloaded pairs (x, y) in both directions, to measure the distortion"),
         "    [[0, 0], [8, 0], [-16, 0], [0, 12], [24, 0], [0, -24], [-24, 0], [0, 24], [16, 8], [-8, -16], [0, 0]]",
-        ("  translation_shifts_px: [[18, -11]]", "px, an unloaded check: its strain must come out as zero"),
+        ("  translation_shifts_px: [[18, -11]]", "px, an unloaded test: the strain of these pairs must be zero"),
     )
     hold = (
-        ("  hold_s: 30", "s, rest before each pair"),
-        ("  settle_s: 5", "s, so long load and stage must stay within tolerance to be called settled"),
-        ("  stage_tolerance_um: 5", "um, allowed distance of the stage's own reading from its target"),
-        ("  frame_timeout_s: 900", "s, no acceptable frame for so long while imaging is a fault; at least three scans"),
+        ("  hold_s: 30", "s, hold before each pair"),
+        ("  settle_s: 5", "s, load and stage must stay within tolerance for this time before the hold"),
+        ("  stage_tolerance_um: 5", "um, allowed distance of the stage reading from its target"),
+        ("  frame_timeout_s: 900", "s, imaging without an acceptable frame for this time is a fault; at least three scans"),
     )
     if not lab.loads_n:
         return _lines(*unloaded, *hold)
     rate = max(round(lab.max_load_n / 100, 2), 0.1)
     return _lines(
         *unloaded,
-        (f"  loads_n: [{', '.join(f'{one:g}' for one in lab.loads_n)}]", "N, loads at which pairs are taken, tension positive"),
+        (f"  loads_n: [{', '.join(f'{load_n:g}' for load_n in lab.loads_n)}]", "N, loads at which pairs are taken, tension positive"),
         (f"  ramp_rate_n_s: {rate:g}", "N/s, between loads"),
         (f"  load_tolerance_n: {2.0 * load_tolerance_n(lab):g}", "N, allowed distance of the load from its target"),
         *hold,
-        "  # warm_up:                      # wait with the first load until the drift is slow",
+        "  # warm_up:                      # delay the first load until the drift is slow",
         ("  #   max_rate_px_s: 0.005", "px/s, forecast drift rate plus its uncertainty"),
     )
 
@@ -248,16 +250,16 @@ def _limits(lab: LabSetup) -> str:
     top, steps = lab.max_load_n, lab.loads_n
     largest = max(b - a for a, b in zip((0.0, *steps), steps, strict=False))
     return _lines(
-        "limits:                           # checked on every command and every reading; the tighter of these and the device's own wins",
+        "limits:                           # checked at every command and every reading; limits of the device may be stricter",
         (f"  force_min_n: {-0.025 * top:g}", "N, lowest allowed force"),
-        (f"  force_max_n: {1.1 * top:g}", "N, highest allowed force: never what the specimen or the frame cannot bear"),
+        (f"  force_max_n: {1.1 * top:g}", "N, highest allowed force: below the strength of specimen and load frame"),
         ("  extension_min_mm: -0.5", "mm, lowest allowed crosshead extension"),
         ("  extension_max_mm: 2.0", "mm, highest allowed crosshead extension"),
         (f"  force_rate_max_n_s: {max(round(top / 40, 2), 0.3):g}", "N/s, fastest commanded ramp"),
         (f"  force_step_max_n: {1.2 * largest:g}", "N, largest commanded change of load in one step"),
-        ("  stage_travel_um: 200", "um, largest allowed distance of the stage from where the run began"),
-        (f"  force_drop_max_n: {max(0.1 * top, 1.0):g}", "N, a sudden fall by more stops: a slip, a fracture"),
-        (f"  # unloaded_max_n: {0.055 * top:g}", "N, largest preload of the unloaded pairs; left out, 5 % of the larger force limit"),
+        ("  stage_travel_um: 200", "um, largest allowed distance of the stage from its position at the start of the run"),
+        (f"  force_drop_max_n: {max(0.1 * top, 1.0):g}", "N, a sudden decrease by more stops the run: slip or fracture"),
+        (f"  # unloaded_max_n: {0.055 * top:g}", "N, largest preload of the unloaded pairs; by default 5 % of the larger force limit"),
     )
 
 
@@ -279,4 +281,4 @@ def _lines(*lines: str | tuple[str, str]) -> str:
 
 
 def _quoted(text: str) -> str:
-    return f'"{text}"' if any(one in text for one in " :#\\{}[]") else text
+    return f'"{text}"' if any(character in text for character in " :#\\{}[]") else text

@@ -60,7 +60,7 @@ class Model:
     @property
     def effect_model(self) -> EffectModel:
         """Effects for the pipeline."""
-        return EMPTY_MODEL if self.section is None else self.section.known()
+        return EMPTY_MODEL if self.section is None else self.section.effect_model()
 
 
 def read_model(path: Path) -> Model:

@@ -9,7 +9,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from semlive.data.settings import AnalysisSettings, EstimateSettings, SpecimenSettings
 from semlive.errors import BadLog
 from semlive.formats.log.messages import RunMessage
-from semlive.service.config.configuration import known_keys, parse_config
+from semlive.service.config.configuration import parse_config
+from semlive.service.config.sections import reject_unknown_keys
 
 IMPORTED = "imported"
 
@@ -30,8 +31,8 @@ class ImportConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     imported: ImportSection
-    specimen: Annotated[SpecimenSettings, BeforeValidator(lambda v: known_keys(SpecimenSettings, v))] = SpecimenSettings()
-    estimate: Annotated[EstimateSettings, BeforeValidator(lambda v: known_keys(EstimateSettings, v))] = EstimateSettings()
+    specimen: Annotated[SpecimenSettings, BeforeValidator(lambda v: reject_unknown_keys(SpecimenSettings, v))] = SpecimenSettings()
+    estimate: Annotated[EstimateSettings, BeforeValidator(lambda v: reject_unknown_keys(EstimateSettings, v))] = EstimateSettings()
 
 
 def is_imported(config: dict[str, Any]) -> bool:

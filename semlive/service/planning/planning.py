@@ -1,4 +1,4 @@
-"""An experiment before it is run: what it takes, what it may show, and what would be better."""
+"""Plan of an experiment: duration, expected noise, false strain, stop distances, and advice."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from semlive.service.replay.replay import ReplayCallbacks, result_from_maps
 from semlive.service.watch.sidecars import sidecar_of
 
 GAUGES = (5, 9, 13, 17, 25, 33)
-"""Edges of virtual strain gauges, in points, whose noise is shown beside that of the configured one."""
+"""Edges of virtual strain gauges, in points, whose noise is shown with that of the configured one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """How the field is scanned.
+    """Scan of one frame.
 
     Attributes:
-        width_px: of a frame.
-        height_px: of a frame.
-        dwell_s: on one pixel in one frame, all integrations and passes included; None if nothing tells.
-        frame_s: of one frame, all integrations included.
+        width_px: width of a frame.
+        height_px: height of a frame.
+        dwell_s: time on one pixel in one frame, all integrations and passes included; None if unknown.
+        frame_s: duration of one frame, all integrations included.
         pixel_size_m: edge of a pixel.
-        source: who says so.
-        vendor: whose frame the test frame is; None without one.
+        source: source of these values.
+        vendor: vendor of the test frame; None without one.
     """
 
     width_px: int
@@ -58,8 +58,8 @@ class GaugeNoise:
 
     Attributes:
         window_points: edge of the gauge in POI.
-        vsg_px: its edge in px, subset included.
-        sigma: of one gauge, noise of the correlation alone.
+        vsg_px: edge of the gauge in px, subset included.
+        sigma: standard uncertainty of one gauge from the noise of the correlation.
     """
 
     window_points: int
@@ -69,12 +69,12 @@ class GaugeNoise:
 
 @dataclass(frozen=True, slots=True)
 class FalseStrain:
-    """What a translation feigns if distortion is not corrected.
+    """False strain of a translation without correction of the distortion.
 
     Attributes:
         shift_px: the translation (x, y).
         low: smallest value of each component over the field.
-        high: largest.
+        high: largest value of each component.
     """
 
     shift_px: tuple[float, float]
@@ -84,25 +84,25 @@ class FalseStrain:
     @property
     def max_strain(self) -> float:
         """Largest magnitude of any component."""
-        return max(abs(getattr(one, name)) for one in (self.low, self.high) for name in ("exx", "eyy", "exy"))
+        return max(abs(getattr(bound, name)) for bound in (self.low, self.high) for name in ("exx", "eyy", "exy"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExperimentPlan:
-    """All that is known of an experiment before it is run.
+    """Results of a plan.
 
     Attributes:
-        scan: how the field is scanned.
+        scan: scan of one frame.
         schedule: expected times.
-        grid: the POI.
-        quality: of the test frame; None without one.
+        grid: grid of the POI.
+        quality: pattern quality of the test frame; None without one.
         gauges: strain noise over gage length; empty without a test frame.
         mean_sigma: expected standard uncertainty of the mean strain over the grid; None without a test frame.
-        false_strain: of each distinct translation.
-        distortion: what the false strain was worked out with.
-        advice: sentences, most urgent first.
-        effects: names of those that a model takes out of the maps.
-        stops: how far the specimen can go before each stop; None where semlive moves no load frame.
+        false_strain: false strain of each distinct translation.
+        distortion: source of the distortion for the false strain.
+        advice: texts, most urgent first.
+        effects: names of the effects that the model corrects.
+        stops: stop distances of the largest ramp; None if semlive does not move the load frame.
     """
 
     scan: Scan
@@ -127,21 +127,21 @@ def plan_experiment(
     force_noise_n: float = 0.0,
     force_resolution_n: float = 0.0,
 ) -> ExperimentPlan:
-    """Look at an experiment before it is run; touches neither devices nor the export folder.
+    """Plan an experiment without access to devices or export folder.
 
     Args:
-        config: of the run.
-        test_frame: one frame of the specimen as the SEM exports it, scanned as the run will scan; None leaves noise open.
-        log: of an earlier run at the same microscope and magnification, whose distortion is taken; None takes a typical one.
-        watch: who is told while that log is read.
-        force_noise_n: standard deviation of the force reading at rest, N.
-        force_resolution_n: smallest change that the force reading can show, N.
+        config: configuration of the run.
+        test_frame: one frame of the specimen as the SEM exports it, with the scan of the run; None: the noise is not estimated.
+        log: log of an earlier run at the same microscope and magnification, whose distortion is used; None: a typical distortion.
+        watch: progress callbacks for reading that log.
+        force_noise_n: standard deviation of the force reading under constant load, N.
+        force_resolution_n: resolution of the force reading, N.
 
     Raises:
-        BadInput: the plan breaks its limits, the test frame cannot be read, or nothing tells how long a frame takes.
+        BadInput: the plan violates its limits, the test frame cannot be read, or the duration of a frame is unknown.
     """
     plan = config.plan()
-    start(plan, 0)  # refuses a plan that breaks its limits, as the run would
+    start(plan, 0)  # rejects a plan that violates its limits, as the run does
     frame = None if test_frame is None else _test_frame(test_frame, config)
     scan = _scan(config, frame)
     if config.model is not None and frame is not None:
@@ -163,14 +163,14 @@ def plan_experiment(
             if points <= min(grid.shape)
         )
         mean_sigma = mechanics.expected_mean_sigma(grid, sigma_px)
-    distortion, said = _distortion(log, grid, scan, watch)
+    distortion, source = _distortion(log, grid, scan, watch)
     shifts = dict.fromkeys(step.shift_px for step in plan.steps if step.phase is not Phase.TENSION and step.shift_px != (0.0, 0.0))
-    feigned = tuple(_feigned(distortion, shift, config.estimate.window_points) for shift in shifts)
-    effects = tuple(one.name for one in config.analysis_settings().model.effects)
+    false_strains = tuple(_false_strain(distortion, shift, config.estimate.window_points) for shift in shifts)
+    effects = tuple(effect.name for effect in config.analysis_settings().model.effects)
     stops = stop_plan(config, force_noise_n, force_resolution_n)
-    shown = tuple(one for one in feigned if one is not None)
-    known = ExperimentPlan(scan, times, grid, quality, gauges, mean_sigma, shown, said, (), effects, stops)
-    return replace(known, advice=advice(config, known))
+    in_view = tuple(effect for effect in false_strains if effect is not None)
+    planned = ExperimentPlan(scan, times, grid, quality, gauges, mean_sigma, in_view, source, (), effects, stops)
+    return replace(planned, advice=advice(config, planned))
 
 
 def _test_frame(path: Path, config: Config) -> Frame:
@@ -178,9 +178,9 @@ def _test_frame(path: Path, config: Config) -> Frame:
         data, mtime_ns = read_regular(path, MAX_IMAGE_BYTES), path.stat().st_mtime_ns
     except OSError as error:
         raise BadImage(f"{path}: cannot be read ({error.strerror}); give one frame as the SEM exported it") from error
-    beside = sidecar_of(path)
-    sidecar = None if beside is None else read_regular(beside, MAX_IMAGE_BYTES)
-    return read_frame(ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar), config.sem.whole_profile)
+    sidecar_path = sidecar_of(path)
+    sidecar = None if sidecar_path is None else read_regular(sidecar_path, MAX_IMAGE_BYTES)
+    return read_frame(ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar), config.sem.scan_profile)
 
 
 def _scan(config: Config, frame: Frame | None) -> Scan:
@@ -192,13 +192,13 @@ def _scan(config: Config, frame: Frame | None) -> Scan:
     frame_s = profile.frame_time_s or (None if profile.row_time_s is None else profile.row_time_s * height)
     if frame_s is None:
         raise BadInput(
-            "nothing tells how long a frame takes; give --test-frame FILE, one frame as the SEM exports it, or set sem.profile.frame_time_s"
+            "the duration of a frame is unknown; give --test-frame FILE, one frame as the SEM exports it, or set sem.profile.frame_time_s"
         )
     return Scan(width, height, profile.dwell_time_s, frame_s, config.sem.pixel_size_um * 1e-6, "the configuration; its size is assumed")
 
 
 def _frame_size(config: Config) -> tuple[int, int]:
-    """A frame around the region of interest, as no file tells its size."""
+    """Assumed (width, height) of a frame around the region of interest, px."""
     if config.dic.roi_px is None:
         return 1024, 884
     x0, y0, x1, y1 = config.dic.roi_px
@@ -208,14 +208,16 @@ def _frame_size(config: Config) -> tuple[int, int]:
 def _distortion(log: Path | None, grid: Grid, scan: Scan, watch: ReplayCallbacks | None) -> tuple[DistortionField, str]:
     if log is None:
         typical = mechanics.typical_distortion(grid, scan.width_px, scan.height_px)
-        return typical, "a typical one, as measured at x200 by Sutton et al. (2007); --log LOG takes your microscope's own"
+        return typical, "a typical one, as measured at x200 by Sutton et al. (2007); --log LOG uses that of your microscope"
     return result_from_maps(log, watch)[0].estimate.distortion, f"that of {log.name}"
 
 
-def _feigned(distortion: DistortionField, shift: tuple[float, float], window_points: int) -> FalseStrain | None:
-    """None where the translation leaves nothing of the field in view."""
+def _false_strain(distortion: DistortionField, shift: tuple[float, float], window_points: int) -> FalseStrain | None:
+    """False strain of a translation (x, y), px; None if no point remains in the field of view."""
     field = mechanics.false_strain(distortion, shift, min(window_points, *distortion.grid.shape))
     if not field.valid.any():
         return None
-    values = [one[field.valid] for one in (field.exx, field.eyy, field.exy)]
-    return FalseStrain(shift, Tensor2(*(float(np.min(one)) for one in values)), Tensor2(*(float(np.max(one)) for one in values)))
+    values = [component[field.valid] for component in (field.exx, field.eyy, field.exy)]
+    return FalseStrain(
+        shift, Tensor2(*(float(np.min(component)) for component in values)), Tensor2(*(float(np.max(component)) for component in values))
+    )

@@ -1,4 +1,4 @@
-"""How far the specimen can go before each stop, for the most demanding ramp of a configuration; no device is opened."""
+"""Largest load before each stop, for the most demanding ramp of a configuration; no device is opened."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from semlive.engine.supervision.stop_distance import ANSWER_S, EXCESS, RampCase,
 from semlive.service.config.configuration import Config
 
 _BY_HAND = ("operator", "null")
-"""Drivers of load frames that a person moves, or nobody."""
+"""Drivers of load frames that semlive does not move."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +20,8 @@ class StopPlan:
     """The stops of one ramp.
 
     Attributes:
-        case: the ramp to the largest load, and what is known of device and link.
-        rows: how far each fault can carry the load.
+        case: ramp to the largest load, and properties of device and link.
+        rows: largest load of each fault.
     """
 
     case: RampCase
@@ -34,14 +34,14 @@ class StopPlan:
 
     @property
     def exceeding(self) -> tuple[StopDistance, ...]:
-        """Rows beyond the force limit by more than 5 %, the farthest first."""
+        """Rows beyond the force limit by more than 5 %, the largest load first."""
         case = self.case
         far = [row for row in self.rows if exceeds(row, case)]
         return tuple(sorted(far, key=lambda row: case.sign * (row.worst_n or 0.0), reverse=True))
 
     @property
     def open(self) -> tuple[StopDistance, ...]:
-        """Rows that the configuration leaves unbounded; a device that does not obey is always so and not among them."""
+        """Rows without a bound in this configuration; a device that does not obey is never bounded, and not included."""
         return tuple(row for row in self.rows if row.worst_n is None and row.code is not FaultCode.STOP_NOT_OBEYED)
 
 
@@ -49,12 +49,12 @@ def stop_plan(config: Config, force_noise_n: float = 0.0, force_resolution_n: fl
     """The stops of the ramp to the largest load.
 
     Args:
-        config: of the run.
-        force_noise_n: standard deviation of the force reading at rest, N.
-        force_resolution_n: smallest change that it can show, N.
+        config: configuration of the run.
+        force_noise_n: standard deviation of the force reading under constant load, N.
+        force_resolution_n: resolution of the force reading, N.
 
     Returns:
-        None where semlive moves no load frame.
+        None if semlive does not move the load frame.
     """
     frame, limits, protocol = config.load_frame, config.limits, config.protocol
     ramps = [(before, after) for before, after in pairwise((0.0, *protocol.loads_n)) if before != after]
@@ -64,7 +64,7 @@ def stop_plan(config: Config, force_noise_n: float = 0.0, force_resolution_n: fl
     approach = frame.settings.get("approach")
     travels = approach if isinstance(approach, Mapping) else None
     ahead_s = None if travels is None else _number(travels.get("ahead_s"))
-    repeated = 2.0 if any(isinstance(one.get("serial"), Mapping) for one in _sections(frame.settings)) else 1.0
+    repeated = 2.0 if any(isinstance(section.get("serial"), Mapping) for section in _sections(frame.settings)) else 1.0
     case = RampCase(
         limits,
         start_n,
@@ -84,18 +84,18 @@ def stop_plan(config: Config, force_noise_n: float = 0.0, force_resolution_n: fl
 
 
 def stop_advice(stops: StopPlan | None) -> Iterator[str]:
-    """What to change where the load can come far beyond its limit."""
+    """Advice for faults in which the load can exceed its limit by more than 5 %."""
     if stops is None:
         return
     limit_n = stops.case.limit_n
     for row in stops.exceeding[:1]:
         assert row.worst_n is not None
         over = 100.0 * (row.worst_n / limit_n - 1.0) if limit_n else 100.0
-        others = len(stops.exceeding) - 1
-        more = f" ({others} more {'fault exceeds' if others == 1 else 'faults exceed'} it by more than {100 * (EXCESS - 1):.0f} %)"
+        further = len(stops.exceeding) - 1
+        more = f" ({further} more {'fault exceeds' if further == 1 else 'faults exceed'} it by more than {100 * (EXCESS - 1):.0f} %)"
         yield (
             f"if {row.fault}, the load can reach {row.worst_n:.0f} N before the stop, {over:.0f} % beyond the force limit of {limit_n:g} N"
-            f"{more if others else ''}: lower protocol.ramp_rate_n_s, shorten load_frame.poll_s, or lower limits.force_max_n; check that "
+            f"{more if further else ''}: reduce protocol.ramp_rate_n_s, load_frame.poll_s or limits.force_max_n; check that "
             "--force-noise-n and --force-resolution-n are those of the load cell"
         )
     for row in stops.open:
@@ -111,10 +111,10 @@ def _sections(settings: Mapping[str, object]) -> Iterator[Mapping[str, object]]:
 
 
 def _numbers(settings: Mapping[str, object], key: str) -> list[float]:
-    found = (_number(one.get(key)) for one in _sections(settings))
-    return [one for one in found if one is not None]
+    numbers = (_number(section.get(key)) for section in _sections(settings))
+    return [section for section in numbers if section is not None]
 
 
 def _number(value: object) -> float | None:
-    """A number more than 0; anything else is left to the driver, which refuses it."""
+    """A number more than 0; None for other values, which the driver rejects."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else None

@@ -1,4 +1,4 @@
-// Steering: the token, the buttons, and the answers to questions. Everything else on the page only shows.
+// Control of the run: the token, the buttons, and the answers to questions. The other modules only show.
 
 import { byId, make, say } from "./dom.js";
 import { panel } from "./stream.js";
@@ -14,7 +14,7 @@ let open = [];
 
 const token = () => sessionStorage.getItem(KEY) ?? "";
 
-/** Take the token out of the address, so that it is neither seen nor passed on with it. */
+/** Remove the token from the address, so that it is neither visible nor copied with it. */
 function takeToken() {
   const found = new URLSearchParams(location.hash.slice(1)).get("token");
   if (!found) return;
@@ -31,7 +31,7 @@ async function ask(body) {
       method: "POST", headers: { "content-type": "application/json", authorization: `Bearer ${own}` }, body: JSON.stringify(body),
     });
   } catch {
-    return answered("the page's server does not answer; steer the run at its terminal", false);
+    return answered("the server of the page does not reply; control the run at its terminal", false);
   }
   const { text } = await reply.json().catch(() => ({ text: `refused (${reply.status})` }));
   if (reply.status === 403 && token() === own) sessionStorage.removeItem(KEY);
@@ -47,7 +47,7 @@ function answered(text, ok) {
 
 let settle = () => {};
 
-/** Ask for the token; gives whether there is one now. One question at a time: the answer to an earlier one is no. */
+/** Ask for the token; returns whether there is one. One dialog at a time: an earlier one counts as cancelled. */
 function askToken() {
   settle(false);
   byId("token-text").value = token();
@@ -55,7 +55,7 @@ function askToken() {
   return new Promise((resolve) => { settle = resolve; });
 }
 
-/** What the dialog was left with. Its close event comes late and may be that of an earlier opening, so it counts only where the dialog is still closed. */
+/** Handle the result of the dialog. Its close event arrives late and may belong to an earlier dialog; it counts only while the dialog is closed. */
 function takeAnswers() {
   const dialog = byId("ask-token"), text = byId("token-text");
   dialog.addEventListener("submit", ({ submitter }) => {
@@ -80,7 +80,7 @@ function drawButtons({ protocol }) {
   byId("start").hidden = protocol.state !== "ready";
 }
 
-/** Alarms stay here until a person acknowledges them; a machine that does not obey its stop is shown above everything else. */
+/** Alarms stay visible until a person acknowledges them; a machine that does not obey its stop is shown above everything else. */
 function drawAlarms({ alarms, now }) {
   if (!alarms) return;
   open = alarms.filter((one) => one.identity && one.acknowledged_s === null);
@@ -99,7 +99,7 @@ async function acknowledge(alarms) {
   for (const identity of new Set(alarms.map((one) => one.identity))) if (!(await ask({ acknowledge: identity }))) return;
 }
 
-/** One form for each open question; a form stays the same element while its question is open, so that what is typed is kept. */
+/** One form for each open question; a form stays the same element while its question is open, so that the text typed is not lost. */
 function drawDesk({ desk }) {
   if (!desk) return;
   const bar = byId("desk");
@@ -128,7 +128,7 @@ function question({ question: name, text, wanted }) {
   return form;
 }
 
-/** Put the controls to work, or away where the server only shows. */
+/** Enable the controls, or hide them if the server is read-only. */
 export async function control() {
   takeToken();
   addEventListener("hashchange", takeToken);
@@ -140,7 +140,7 @@ export async function control() {
   for (const button of document.querySelectorAll("[data-say]")) {
     button.addEventListener("click", () => (button.dataset.say === "abort" ? byId("ask-abort").showModal() : ask({ say: button.dataset.say })));
   }
-  // Its submit, not the dialog's close: that comes later, and after a quick "Go on" and "Abort…" it was taken for the answer to the second question.
+  // Its submit, not the dialog's close: that comes later, and after a quick "Continue" and "Abort…" it would answer the second question.
   byId("ask-abort").addEventListener("submit", ({ submitter }) => submitter?.value === "yes" && ask({ say: "abort" }));
   byId("token").addEventListener("click", askToken);
   takeAnswers();

@@ -23,12 +23,12 @@ function load() {
       { label: "load N", colour: "a", band: true, span: 30, format: n(4) }],
     axes: { x: "min since start", y: "load N", side: "extension mm" },
     limits: () => (run?.limits.force_max_n === undefined ? [] : [
-      { at: run.limits.force_max_n, text: "most force" }, { at: run.limits.force_min_n, text: "least force" },
-      { at: run.limits.extension_max_mm, text: "most extension", scale: "side" }, { at: run.limits.extension_min_mm, text: "least extension", scale: "side" }]),
+      { at: run.limits.force_max_n, text: "max. force" }, { at: run.limits.force_min_n, text: "min. force" },
+      { at: run.limits.extension_max_mm, text: "max. extension", scale: "side" }, { at: run.limits.extension_min_mm, text: "min. extension", scale: "side" }]),
   });
   panel(["load", "reading", "run"], ({ load: { rows }, reading, run: told }) => {
     run = told;
-    const words = reading?.force_n === null || !reading ? "no load frame has spoken yet" : [
+    const words = reading?.force_n === null || !reading ? "no reading of the load frame yet" : [
       `${number(reading.force_n, 4)} N of ${number(reading.target_n, 4)} N, ${reading.motion}`, `extension ${number(reading.extension_mm, 4)} mm`,
       told?.limits.force_max_n === undefined ? null : `limits ${number(told.limits.force_min_n)} to ${number(told.limits.force_max_n, 4)} N, ${number(told.limits.extension_min_mm)} to ${number(told.limits.extension_max_mm)} mm`,
       reading.gage_strain === null ? null : `gage ${number(1e6 * reading.gage_strain)} 1e-6`,
@@ -42,7 +42,7 @@ function load() {
 function drift() {
   const plot = chart(byId("drift"), {
     series: [{ label: "x px", colour: "a", band: true, span: 0.2, format: n(4) }, { label: "y px", colour: "b", band: true, format: n(4) },
-      { label: "x foreseen", colour: "a", dash: [5, 4], format: n(4) }, { label: "y foreseen", colour: "b", dash: [5, 4], format: n(4) }],
+      { label: "x forecast", colour: "a", dash: [5, 4], format: n(4) }, { label: "y forecast", colour: "b", dash: [5, 4], format: n(4) }],
     axes: { x: "min since frame 0", y: "drift px" },
   });
   panel(["drift"], ({ drift: told }) => {
@@ -54,7 +54,7 @@ function drift() {
     const next = (pick) => all.map((row, at) => (at >= first && ahead.length ? pick(row) : null));
     say(byId("drift-now"), told.verdict);
     const last = known.at(-1);
-    const words = last ? `Drift is ${number(last[1])} px in x and ${number(last[2])} px in y; ${told.verdict}` : "no drift is known yet";
+    const words = last ? `Drift is ${number(last[1])} px in x and ${number(last[2])} px in y; ${told.verdict}` : "no drift estimate yet";
     plot.show([column(all, (r) => r[0] / 60), column(all, (r) => r[1] - r[3]), column(all, (r) => r[1] + r[3]), past((r) => r[1]),
       column(all, (r) => r[2] - r[4]), column(all, (r) => r[2] + r[4]), past((r) => r[2]), next((r) => r[1]), next((r) => r[2])], words);
   });
@@ -77,9 +77,9 @@ function stress() {
     const line = (sigmas) => points.map((one) => (found ? middle + 1000 * (found.modulus_gpa + sigmas * found.modulus_sigma_gpa) * (one.axial - at) : null));
     const [low, high] = [line(-2), line(2)];
     plot.show([column(points, (p) => 1e6 * p.axial), column(points, (p) => p.stress_mpa), low.map((v, i) => (v === null ? null : Math.min(v, high[i]))),
-      high.map((v, i) => (v === null ? null : Math.max(v, low[i]))), line(0)], `${pulled.length} frames under load; ${found ? `E is ${measured(found.modulus_gpa, found.modulus_sigma_gpa)} GPa` : "E is not known yet"}`);
+      high.map((v, i) => (v === null ? null : Math.max(v, low[i]))), line(0)], `${pulled.length} frames under load; ${found ? `E is ${measured(found.modulus_gpa, found.modulus_sigma_gpa)} GPa` : "no E yet"}`);
     const last = strength.points.at(-1);
-    const rows = [["E", found ? `${measured(found.modulus_gpa, found.modulus_sigma_gpa)} GPa` : "not known yet"], ["ν", found ? measured(found.ratio, found.ratio_sigma) : "not known yet"]];
+    const rows = [["E", found ? `${measured(found.modulus_gpa, found.modulus_sigma_gpa)} GPa` : "no result yet"], ["ν", found ? measured(found.ratio, found.ratio_sigma) : "no result yet"]];
     if (strength.dic_over_gage) rows.push(["DIC / gage", measured(...strength.dic_over_gage)]);
     if (last) rows.push(["axial strain", `${measured(1e6 * last.axial, 1e6 * last.axial_sigma)} 1e-6`], ["scatter", `${number(1e6 * last.sd_axial)} 1e-6 at a gauge of ${strength.vsg_px} px`]);
     byId("elastic").replaceChildren(...rows.map(([name, value]) => make("div", {}, make("dt", {}, name), make("dd", {}, value))));
@@ -108,7 +108,7 @@ function quality() {
     const maps = all.filter((one) => one.reference === 0);
     const last = maps.at(-1);
     const share = (one) => `${one.converged} of ${one.points} points (${((100 * one.converged) / one.points).toFixed(1)} %)`;
-    const words = last ? `frame ${last.current} from frame 0: ${share(last)}, noise ${number(last.noise_px)} px, ZNCC ${number(last.zncc, 4)}` : "nothing was correlated yet";
+    const words = last ? `frame ${last.current} from frame 0: ${share(last)}, noise ${number(last.noise_px)} px, ZNCC ${number(last.zncc, 4)}` : "no map yet";
     say(byId("quality-now"), words);
     plot.show([column(maps, (m) => m.current), column(maps, (m) => m.noise_px), column(maps, (m) => m.zncc)], words);
   });

@@ -1,4 +1,4 @@
-// The panels that are words: where the run is, its plan, alarms, frames that are not used.
+// Panels of text: state of the run, plan, alarms, frames that are not used.
 
 import { byId, make, say } from "./dom.js";
 import { panel, silence, timeNow } from "./stream.js";
@@ -37,18 +37,18 @@ function head(state) {
   tick();
 }
 
-/** What changes without news: the countdown, and whether there is anybody to bring news. */
+/** Update what changes without messages: the countdown and the state of the connection. */
 function tick() {
   if (!latest?.protocol) return connection("waiting for the log");
   const { protocol, now, run } = latest;
   const left = protocol.hold_end_s === null ? null : protocol.hold_end_s - timeNow();
-  const longer = run && run.max_hold_s > run.hold_s ? `longer, until all is quiet, at most ${duration(run.max_hold_s)}` : "0 s";
+  const longer = run && run.max_hold_s > run.hold_s ? `extended until drift and load are stable, at most ${duration(run.max_hold_s)}` : "0 s";
   say(byId("countdown"), left === null || !now.live ? "" : left > 0 ? `${Math.ceil(left)} s left` : longer);
   const over = protocol.state === "complete" || protocol.state === "aborted";
-  if (silence() > 6) connection(`no connection for ${duration(silence())}; what is shown is from before`);
+  if (silence() > 6) connection(`no connection for ${duration(silence())}; the page shows old values`);
   else if (now.trouble) connection(now.trouble);
   else if (now.reading) connection("reading the log");
-  else if (now.orphaned && !over && now.silent_s > 10) connection(`nobody has written the log for ${duration(now.silent_s)}: look whether semlive run is still at work`);
+  else if (now.orphaned && !over && now.silent_s > 10) connection(`the log has not grown for ${duration(now.silent_s)}: check whether semlive run is still running`);
   else connection("");
 }
 
@@ -89,6 +89,6 @@ const acknowledged = (one, now) => one.acknowledged_s === null ? "not acknowledg
   : `acknowledged ${timeOfDay(now.start_ms, one.acknowledged_s)}${one.acknowledged_by ? `, ${one.acknowledged_by}` : ""}`;
 
 function refused({ frames, now }) {
-  say(byId("refused-now"), `${frames.arrived} files came, ${frames.paired} frames are in pairs, ${frames.refused_count} are not used`);
+  say(byId("refused-now"), `${frames.arrived} files arrived, ${frames.paired} frames are in pairs, ${frames.refused_count} are not used`);
   fill("refused", frames.refused, now, (one) => make("li", {}, stamp(now, one.time_s), one.name && !one.reason.includes(one.name) ? `${one.name}: ${one.reason}` : one.reason), "none");
 }

@@ -152,10 +152,10 @@ function mapPanel() {
     const [x0, y0, step, nx] = maps.grid, [name, unit] = FIELDS[fieldOf], scale = scaleOf(fieldOf);
     const valid = values.filter((v) => !Number.isNaN(v));
     const mean = valid.reduce((sum, v) => sum + v, 0) / Math.max(1, valid.length);
-    let text = `${name}, frame ${frameOf}: mean ${number(scale * mean)} ${unit}; ${valid.length} of ${values.length} points count`;
+    let text = `${name}, frame ${frameOf}: mean ${number(scale * mean)} ${unit}; ${valid.length} of ${values.length} points valid`;
     if (point) {
       const value = values[point[1] * nx + point[0]];
-      text = `at (${x0 + step * point[0]}, ${y0 + step * point[1]}) px: ${Number.isNaN(value) ? "does not count" : `${number(scale * value, 4)} ${unit}`}; mean ${number(scale * mean)} ${unit}`;
+      text = `at (${x0 + step * point[0]}, ${y0 + step * point[1]}) px: ${Number.isNaN(value) ? "not valid" : `${number(scale * value, 4)} ${unit}`}; mean ${number(scale * mean)} ${unit}`;
     }
     say(byId("map-now"), text);
     canvas.setAttribute("aria-label", `Map: ${text}`);

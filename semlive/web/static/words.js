@@ -1,10 +1,10 @@
-// Numbers and instants in words.
+// Numbers, times and states as text.
 
 export const STATES = {
   idle: ["idle", "calm"], connecting: ["connecting", "busy"], ready: ["ready", "busy"], ramping: ["moving", "busy"],
   settling: ["settling", "busy"], holding: ["holding", "wait"], imaging: ["imaging", "busy"], step_done: ["step done", "good"],
-  judging: ["judging the calibration", "wait"], warming: ["warming up", "wait"], paused: ["paused", "wait"], stopping: ["stopping", "wait"], fault: ["FAULT", "bad"],
-  recover: ["asks before it goes on", "wait"], estopped: ["EMERGENCY STOP", "bad"], complete: ["complete", "good"], aborted: ["ended early", "bad"],
+  judging: ["checking the calibration", "wait"], warming: ["warming up", "wait"], paused: ["paused", "wait"], stopping: ["stopping", "wait"], fault: ["FAULT", "bad"],
+  recover: ["waiting for confirmation", "wait"], estopped: ["EMERGENCY STOP", "bad"], complete: ["complete", "good"], aborted: ["ended early", "bad"],
 };
 
 export const FIELDS = {
@@ -13,10 +13,10 @@ export const FIELDS = {
   exx: ["strain exx", "1e-6"], eyy: ["strain eyy", "1e-6"], exy: ["strain exy", "1e-6"], zncc: ["correlation (ZNCC)", ""],
 };
 
-/** Scale from a map's own unit to the one that is shown. */
+/** Factor from the unit of a map to the unit shown. */
 export const scaleOf = (field) => (FIELDS[field]?.[1] === "1e-6" ? 1e6 : 1);
 
-/** A number with so many significant digits, never in powers of ten where it can be helped. */
+/** A number with the given number of significant digits, without powers of ten. */
 export function number(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   if (value === 0) return "0";
@@ -24,10 +24,10 @@ export function number(value, digits = 3) {
   return value.toFixed(places).replace("-", "−");
 }
 
-/** A number as somebody would have typed it. */
+/** A number without trailing zeros. */
 export const plain = (value) => String(Number(value.toPrecision(6))).replace("-", "−");
 
-/** A value and its uncertainty, both to the uncertainty's second digit. */
+/** A value and its uncertainty, both to the second digit of the uncertainty. */
 export function measured(value, sigma) {
   if (value === null || value === undefined) return "–";
   if (!sigma) return number(value, 4);

@@ -21,7 +21,8 @@ from semlive.endpoints import addresses_of
 from semlive.errors import LinkError, LinkRefused
 from semlive.process_lock import Holder, ProcessLock
 from semlive.service.checks.instrument import check_device_endpoints, endpoints_in
-from semlive.service.config.configuration import Config, DriverSection
+from semlive.service.config.configuration import Config
+from semlive.service.config.sections import DriverSection
 from semlive_drivers.endpoint_lock import reserve_serial, reserve_tcp
 from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import Block

@@ -89,5 +89,5 @@ def test_a_turned_scan_tells_all_that_has_a_name(semlive: Callable[..., Said], t
 
     code, out, _ = semlive("experiment", "decide", *map(str, turned))
     assert code == 0
-    assert out.startswith("IDENTIFIED: this turns with the scan\nanisotropic_pixel, at most 1")
-    assert "the distortion stays with the column" in out
+    assert out.startswith("IDENTIFIED: this effect rotates with the scan\nanisotropic_pixel, at most 1")
+    assert "the distortion is fixed to the column" in out

@@ -73,7 +73,7 @@ def test_only_the_first_pairs(imported: Path) -> None:
 def test_changed_settings_are_set_beside_the_logs_own(semlive: Semlive, short: Path) -> None:
     code, out, err = semlive("replay", str(short), "--set", "estimate.window=5")
     assert (code, err) == (0, "")
-    assert "log's own settings against now" in out
+    assert "log's own settings and new result" in out
     assert any(line.split()[:4] == ["vsg_px", "400", "200", "-200"] for line in out.splitlines())
     before, after = (replay(ReplayRequest(short, changes=parse_changes(words))) for words in ([], ["estimate.window=5"]))
     assert json_differences(*(result_json(one.result, one.settings) for one in (before, after)))

@@ -114,7 +114,7 @@ def test_a_run_without_results_has_a_page_of_its_alarms(semlive: Callable[..., t
     assert recorder.close(10.0)
     code, said, err = semlive("report", str(log))
     assert (code, said) == (2, "")
-    assert err.endswith(f"its alarms and refused frames are in {tmp_path / 'stopped-report.html'}\n")
+    assert err.endswith(f"its alarms and rejected frames are in {tmp_path / 'stopped-report.html'}\n")
     page = (tmp_path / "stopped-report.html").read_text(encoding="utf-8")
     assert "1 alarms, 1 of them not acknowledged" in page
     assert "<td>emergency_stop</td><td>run</td><td>the load frame was stopped by its &lt;emergency stop&gt;</td>" in page

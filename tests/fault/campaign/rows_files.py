@@ -337,19 +337,21 @@ def held_open(lab: Lab) -> Seen:
 
 R, E = Kind.REAL, Kind.EMULATED
 ROWS = (
-    Row(26, "a file cut at 99.99 %", "refused once, with the reason; the run goes on", R, truncated),
-    Row(27, "a file at full size, half zeros; another filled 1.3 s later", "the first refused, the second taken whole", R, preallocated),
-    Row(28, "the text file beside an image comes late, or never", "taken with it, or refused", R, sidecar),
-    Row(29, "a file is overwritten under its name", "told; never taken twice", R, overwritten),
-    Row(30, "numbers in names jump and begin anew", "told; the run goes on", R, counters),
+    Row(26, "a file cut at 99.99 %", "refused once, with the reason; the run continues", R, truncated),
+    Row(
+        27, "a file at full size, half zeros; another filled 1.3 s later", "the first refused, the second taken completely", R, preallocated
+    ),
+    Row(28, "the text file of an image arrives late, or never", "taken with it, or refused", R, sidecar),
+    Row(29, "a file is overwritten under its name", "reported; never taken twice", R, overwritten),
+    Row(30, "numbers in names jump and start again", "reported; the run continues", R, counters),
     Row(31, "the same frame twice", "refused", R, frozen, short=True),
     Row(32, "a frame scanned before the hold ended", "recorded, refused with the reason", R, before_hold_end),
     Row(33, "one frame only; then three", "fault without a pair; two of three are the pair", R, one_or_three),
     Row(34, "another size within a pair", "refused by name; the pair is of one kind", R, other_settings),
     Row(35, "colour, grey as RGB with LZW, 16 bit", "colour refused, the others taken", R, kinds_of_pixels),
     Row(36, "Zeiss files saved in the middle of a scan", "used down to the row that was reached", R, mid_scan),
-    Row(37, "the export folder goes away and comes back", "told; nothing lost, nothing taken twice", R, share_gone),
-    Row(38, "the SEM's clock an hour ahead, then an hour behind", "told with advice; no pair from such frames", R, wrong_clock),
+    Row(37, "the export folder goes away and comes back", "reported; nothing lost, nothing taken twice", R, share_gone),
+    Row(38, "the SEM's clock an hour ahead, then an hour behind", "reported with advice; no pair from such frames", R, wrong_clock),
     Row(39, "10,000 old files in the folder", "none of them is touched", R, old_files),
     Row(40, "a virus scanner, an indexer or the SEM's own program holds a file", "waited for, not refused", Kind.WINDOWS, held_open),
     Row(

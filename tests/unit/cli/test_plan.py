@@ -147,7 +147,7 @@ def test_a_test_frame_that_contradicts_the_configuration_is_told_first(tmp_path:
     tifffile.imwrite(tmp_path / "flat.tif", np.tile(np.arange(100, 108, dtype=np.uint8), (884, 128)), datetime=True)
     said = told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))
     vendor, pixel, *_ = said["advice"]
-    assert "sem.vendor is fei, but the test frame is of plain" in vendor
+    assert "sem.vendor is fei, but the test frame is from plain" in vendor
     assert "2.5 um: shifts would be 0.5 times" in pixel
 
 
@@ -172,8 +172,8 @@ def test_a_picture_that_is_left_out_is_told(tmp_path: Path, roi_px: list[int] | 
     flat[:, 5] = 91
     tifffile.imwrite(tmp_path / "flat.tif", flat, datetime=True)
     advice = "\n".join(told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))["advice"])
-    assert ("dic.roi_px leaves out" in advice) == (left_out is not None)
-    assert left_out is None or f"leaves out {left_out} %" in advice
+    assert ("dic.roi_px excludes" in advice) == (left_out is not None)
+    assert left_out is None or f"excludes {left_out} %" in advice
 
 
 def test_a_plan_beyond_its_limits_is_refused_as_the_run_would(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ import queue
 import pytest
 from rich.console import Console
 
-from semlive.cli.run import _taken
-from semlive.cli.run_status import ProgressView, RemainingTime, Repeat, disobeyed
+from semlive.cli.during_run.run import _queue_command
+from semlive.cli.during_run.run_status import ProgressView, RemainingTime, Repeat, disobeyed
 from semlive.data.experiment import Phase
 from semlive.engine import OperatorCommand, RunStatus, State
 from semlive.service.control.run_monitor import RunSnapshot
@@ -18,18 +18,18 @@ from semlive.service.log.alarms import AcknowledgeAll, Alarm
 
 def test_a_run_takes_as_long_for_each_step_as_before() -> None:
     pace = RemainingTime()
-    assert pace.left_s(0, 5, 100.0) is None
-    assert pace.left_s(0, 5, 105.0) is None
-    assert pace.left_s(1, 5, 110.0) == pytest.approx(40.0)
-    assert pace.left_s(1, 5, 116.0) == pytest.approx(34.0)
-    assert pace.left_s(2, 5, 130.0) == pytest.approx(45.0)
-    assert pace.left_s(2, 5, 300.0) == 0.0
+    assert pace.seconds(0, 5, 100.0) is None
+    assert pace.seconds(0, 5, 105.0) is None
+    assert pace.seconds(1, 5, 110.0) == pytest.approx(40.0)
+    assert pace.seconds(1, 5, 116.0) == pytest.approx(34.0)
+    assert pace.seconds(2, 5, 130.0) == pytest.approx(45.0)
+    assert pace.seconds(2, 5, 300.0) == 0.0
 
 
-def test_a_run_that_was_taken_up_again_knows_only_its_own_steps() -> None:
+def test_a_resumed_run_knows_only_its_own_steps() -> None:
     pace = RemainingTime()
-    assert pace.left_s(7, 10, 0.0) is None
-    assert pace.left_s(8, 10, 20.0) == pytest.approx(40.0)
+    assert pace.seconds(7, 10, 0.0) is None
+    assert pace.seconds(8, 10, 20.0) == pytest.approx(40.0)
 
 
 DISOBEYED = Alarm(5, "stop_not_obeyed", "it moves on after 12 stops", "load frame", "orders the stop again")
@@ -78,6 +78,6 @@ def test_names_from_outside_reach_no_terminal_raw(terminal: bool) -> None:
 
 def test_what_is_typed_is_a_verb_or_acknowledges_every_alarm() -> None:
     typed = queue.SimpleQueue[OperatorCommand | AcknowledgeAll]()
-    assert [_taken(typed, line) for line in (" Stop \n", "acknowledge\n", "acknowledged\n", "\n")] == [True, True, False, False]
+    assert [_queue_command(typed, line) for line in (" Stop \n", "acknowledge\n", "acknowledged\n", "\n")] == [True, True, False, False]
     assert [typed.get(), typed.get()] == [OperatorCommand.STOP, AcknowledgeAll("terminal")]
     assert typed.empty()

@@ -18,7 +18,7 @@ from blind.observing import observed
 from numexp.world import SCAN
 from rich.console import Console
 
-from semlive.cli.forecast_table import forecast_table
+from semlive.cli.after_run.forecast_table import forecast_table
 from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome
 from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
 from semlive.data.grid import Grid

@@ -49,7 +49,7 @@ GOOD = np.random.default_rng(1).integers(0, 255, (80, 90), dtype=np.uint8)
     ("reference", "current", "message"),
     [
         ("ref.tif", GOOD, "the reference image is a str, not an array: read the file first"),
-        (GOOD, GOOD.astype(float), "the current image holds float64, not uint8 or uint16"),
+        (GOOD, GOOD.astype(float), "the current image has the type float64, not uint8 or uint16"),
         (np.stack([GOOD] * 3, axis=2), GOOD, r"shape \(80, 90, 3\), not \(height, width\)"),
         (GOOD, GOOD[:60], "is 90 x 80 px but the current image 90 x 60 px"),
         (GOOD[:5], GOOD[:5], "is 90 x 5 px: give at least"),

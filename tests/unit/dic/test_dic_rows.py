@@ -9,7 +9,7 @@ from semlive import dic
 from semlive.data.settings import DicSettings
 from semlive.dic.row_registration import gradient_scales, register_rows, row_jitter, smoothed_gradients
 from semlive.errors import BadInput
-from semlive.kernels import interface
+from semlive.kernels import images
 from semlive.kernels import row_registration as kernel
 
 WIDTH, HEIGHT = 480, 320
@@ -139,7 +139,7 @@ def test_scales_make_instruments_true_derivatives(lab, scenes):
     exact = scenes["hum"][0]
     true_x, true_y = np.gradient(exact, axis=1), np.gradient(exact, axis=0)
     for noise in (0.0, 25.0):
-        noisy = interface.to_float32_grey(lab.expose(exact, noise, 9))
+        noisy = images.to_float32_grey(lab.expose(exact, noise, 9))
         along_x, along_y = smoothed_gradients(noisy)
         scale_x, scale_y = gradient_scales(noisy, along_x, along_y, float(np.hypot(noise, 12**-0.5)))
         inner = np.s_[5:-5, 5:-5]
@@ -150,13 +150,13 @@ def test_scales_make_instruments_true_derivatives(lab, scenes):
 
 
 def test_kernel_sums_are_the_plain_sums(lab, scenes):
-    f, g = (interface.to_float32_grey(lab.expose(image)) for image in scenes["hum"][:2])
+    f, g = (images.to_float32_grey(lab.expose(image)) for image in scenes["hum"][:2])
     along_x, along_y = smoothed_gradients(f)
     edges = np.array([3, 200, 477])
     nodes = np.zeros((1, 1), dtype=np.float32)
     zero = np.zeros(HEIGHT)
     sums = kernel.sum_rows(
-        f, along_x, along_y, interface.coefficients(g), np.ones(f.shape, dtype=bool), edges, (nodes, nodes),
+        f, along_x, along_y, images.coefficients(g), np.ones(f.shape, dtype=bool), edges, (nodes, nodes),
         (np.array([5.0, 0.0, 0.0]), np.array([-2.0, 0.0, 0.0])), (0, 0, 1), (zero, zero), 1.5,
     )  # fmt: skip
     row, part = 50, slice(3, 200)

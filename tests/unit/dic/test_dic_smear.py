@@ -9,7 +9,7 @@ import pytest
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.dic.integration_blur import IntegrationBlur, blurred, correlate_with_matched_blur, missing_blur, smear_within
+from semlive.dic.integration_blur import IntegrationBlur, blur_within_pair, blurred, correlate_with_matched_blur, missing_blur
 
 SCANS = 8
 FAST, SLOW = (0.52, 0.61), (0.05, 0.06)  # px from scan to scan
@@ -72,13 +72,13 @@ def test_a_frame_that_is_smeared_as_much_or_more_stays_as_it_is(lab, frames):
 
 def test_smear_is_read_from_the_pair(lab, frames):
     dmap = found(lab, frames, 2.0, None)
-    smear = smear_within(dmap, 40.0, 5.0, SCANS)
+    smear = blur_within_pair(dmap, 40.0, 5.0, SCANS)
     assert smear is not None
     assert smear.step_x_px == pytest.approx(3.3 / 40.0 * 5.0, rel=0.01)
     assert smear.step_y_px == pytest.approx(-2.7 / 40.0 * 5.0, rel=0.01)
-    assert smear_within(dmap, 0.0, 5.0, SCANS) is None
+    assert blur_within_pair(dmap, 0.0, 5.0, SCANS) is None
     lost = dataclasses.replace(dmap, status=np.full(dmap.grid.shape, dic.PoiStatus.NO_SEED, dtype=np.uint8))
-    assert smear_within(lost, 40.0, 5.0, SCANS) is None
+    assert blur_within_pair(lost, 40.0, 5.0, SCANS) is None
 
 
 def test_a_smeared_wave_is_the_mean_over_the_scans():

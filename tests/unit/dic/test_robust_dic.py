@@ -82,7 +82,7 @@ def test_very_large_frames_get_first_guesses_cell_by_cell(hard, monkeypatch):
     s = hard.moved(np.random.default_rng(3), 5.0)
     settings = DicSettings(step_px=12, roi_px=None)
     one = dic.match(s.first, s.second, settings=settings)
-    monkeypatch.setattr(banded, "WHOLE_PX", 400)
+    monkeypatch.setattr(banded, "MAX_UNDIVIDED_PX", 400)
     monkeypatch.setattr(banded, "CELL_PX", 256)
     assert dic.is_large(s.first.shape, one.grid)
     many = dic.match(s.first, s.second, settings=settings)

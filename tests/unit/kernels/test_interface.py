@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from semlive.kernels import icgn, interface
+from semlive.kernels import icgn, images, interface
 
 IMAGE = np.random.default_rng(0).normal(0.0, 40.0, (40, 50)).astype(np.float32)
 GRID = {"x0_px": 10, "y0_px": 10, "step_px": 5, "shape": (3, 4), "half_px": 5}
@@ -35,12 +35,12 @@ def test_checked_returns_the_very_array():
 )
 def test_grey_takes_8_and_16_bit_images_only(image):
     with pytest.raises(ValueError, match=r"^image must be"):
-        interface.to_float32_grey(image)
+        images.to_float32_grey(image)
 
 
 def test_grey_of_any_layout_is_contiguous_and_centred():
     image = np.arange(4000, dtype=np.uint16).reshape(40, 100)[::2, ::3]
-    grey = interface.to_float32_grey(image)
+    grey = images.to_float32_grey(image)
     assert grey.flags.c_contiguous
     assert grey.dtype == np.float32
     assert abs(float(grey.mean())) < 1e-2
@@ -49,13 +49,13 @@ def test_grey_of_any_layout_is_contiguous_and_centred():
 
 def test_functions_refuse_wrong_images():
     wrong = IMAGE.astype(np.float64)
-    for call in (interface.coefficients, interface.interpolator, interface.gradients, interface.spline_line_derivative):
+    for call in (images.coefficients, images.interpolator, images.gradients, images.spline_line_derivative):
         with pytest.raises(ValueError, match="float32, not float64"):
             call(wrong)
     with pytest.raises(ValueError, match="at least 4 px"):
-        interface.coefficients(IMAGE[:2])
+        images.coefficients(IMAGE[:2])
     with pytest.raises(ValueError, match="at least 4 samples"):
-        interface.spline_line_derivative(np.zeros((5, 3), np.float32))
+        images.spline_line_derivative(np.zeros((5, 3), np.float32))
 
 
 @pytest.mark.parametrize("change", [{"x0_px": 4}, {"y0_px": 4}, {"shape": (3, 9)}, {"shape": (6, 4)}, {"half_px": 11}, {"step_px": 0}])
@@ -84,8 +84,8 @@ def solutions():
     ],
 )
 def test_correlate_checks_every_array(name, value):
-    sums = interface.subset_sums(IMAGE, *interface.gradients(IMAGE), **GRID)
-    arguments = {"current": interface.interpolator(IMAGE), "todo": np.full((3, 4), icgn.SEEDED, np.uint8), "seeds": np.zeros((3, 4, 6))}
+    sums = interface.subset_sums(IMAGE, *images.gradients(IMAGE), **GRID)
+    arguments = {"current": images.interpolator(IMAGE), "todo": np.full((3, 4), icgn.SEEDED, np.uint8), "seeds": np.zeros((3, 4, 6))}
     numbers = {"max_iterations": 9, "tolerance_px": 1e-3, "min_zncc": 0.5, "max_travel_px": 5.0}
     out = solutions()
     interface.correlate(sums, **arguments, solutions=out, **numbers)

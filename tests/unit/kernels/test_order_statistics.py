@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from semlive.kernels import interface
+from semlive.kernels import images
 from semlive.kernels.motion_clusters import SIGMAS, cluster_sizes
 from semlive.kernels.order_statistics import median_of, percentiles_of, ptp_columns
 
@@ -32,7 +32,7 @@ def test_median_of_the_stencil_is_numpys(shape, step):
         across = lines[:, 0] - np.float32(2.0) * lines[:, 1] + lines[:, 2]
         amount = np.abs(across[:, :-2] - np.float32(2.0) * across[:, 1:-1] + across[:, 2:])
         expected = np.median(amount[amount > 0.0]) if amount.any() else 0.0
-        assert interface.median_stencil(image, step) == expected
+        assert images.median_stencil(image, step) == expected
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -41,12 +41,12 @@ def test_gradient_products_are_those_of_whole_images(axis, masked):
     rng = np.random.default_rng(5)
     image = rng.standard_normal((45, 38)).astype(np.float32)
     usable = (rng.random(image.shape) > 0.2).astype(np.float32) if masked else None
-    sobel = interface.gradients(image)[0 if axis else 1] * (1.0 if usable is None else usable)
+    sobel = images.gradients(image)[0 if axis else 1] * (1.0 if usable is None else usable)
     lines = np.ascontiguousarray(image if axis else image.T)[1:-1]
-    spline = interface.spline_line_derivative(np.ascontiguousarray(lines))
+    spline = images.spline_line_derivative(np.ascontiguousarray(lines))
     inner = (sobel if axis else sobel.T)[1:-1, 1:-1]
     for step in (1, 3):
-        overlap, energy = interface.gradient_products(image, step, axis, usable)
+        overlap, energy = images.gradient_products(image, step, axis, usable)
         assert overlap == pytest.approx(np.mean(inner[::step] * spline[::step], dtype=np.float64), rel=1e-5)
         assert energy == pytest.approx(np.mean(inner[::step] ** 2, dtype=np.float64), rel=1e-5)
 
@@ -58,9 +58,9 @@ def test_grey_levels_of_a_frame_that_is_read_only_or_a_part_are_the_same():
     whole = part.copy()
     whole.setflags(write=False)
     for image in (part, part.copy(), whole):
-        assert np.array_equal(interface.to_float32_grey(image), expected)
+        assert np.array_equal(images.to_float32_grey(image), expected)
     mine = part.copy()
-    interface.to_float32_grey(mine)
+    images.to_float32_grey(mine)
     assert mine.flags.writeable
 
 

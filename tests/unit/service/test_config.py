@@ -112,7 +112,7 @@ def test_what_is_no_yaml_is_named_with_its_line(tmp_path: Path) -> None:
     path.write_text("sem:\n  folder: [a\nprotocol: }\n")
     with pytest.raises(BadConfig, match="line 3 is not YAML"):
         load_config(path)
-    assert "holds no sections" in refusal("only words")
+    assert "there are no sections" in refusal("only words")
 
 
 @pytest.mark.checkout

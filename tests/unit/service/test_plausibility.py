@@ -49,12 +49,12 @@ def stiffness(value: float) -> dict[str, Any]:
 
 CASES = [
     (changed("specimen", area_mm2=6e-6), "specimen.area_mm2", "is unusual; is it in another unit?"),
-    (changed("specimen", area_mm2=0.06), "specimen.area_mm2", "300 N on 0.06 mm^2 are 5e+03 MPa, more than any metal bears"),
+    (changed("specimen", area_mm2=0.06), "specimen.area_mm2", "300 N on 0.06 mm^2 are 5e+03 MPa, more than the strength of any metal"),
     (changed("specimen", area_mm2=6e6), "specimen.area_mm2", "is unusual"),
     (changed("specimen", yield_strength_mpa=45), "specimen.yield_strength_mpa", "are 50 MPa, above the yield strength of 45 MPa"),
     (changed("sem", pixel_size_um=1250), "sem.pixel_size_um", "pixels of 1250 um"),
     (changed("sem", pixel_size_um=1.25e-6), "sem.pixel_size_um", "is it in nm or m?"),
-    (changed("sem", profile={"pixel_size_m": 1.25e-9}), "sem.pixel_size_um", "one of the two is in another unit"),
+    (changed("sem", profile={"pixel_size_m": 1.25e-9}), "sem.pixel_size_um", "one of them has another unit"),
     (changed("sem", profile={"dwell_time_s": 3.2}), "sem.profile", "dwell_time_s of 3.2 s"),
     (changed("sem", scan_profiles=[{"scan_speed": "9", "row_time_s": 107.1}]), "sem.scan_profiles", "row_time_s of 107.1 s"),
     (changed("protocol", ramp_rate_n_s=3000), "protocol.ramp_rate_n_s", "less than 4 readings"),
@@ -106,7 +106,7 @@ def test_a_confirmation_of_nothing_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
     path.write_text(yaml.safe_dump({**GIVEN, "confirmed_unusual": ["specimen.area"]}), encoding="utf-8")
     with pytest.raises(
-        BadConfig, match=r"confirmed_unusual\.0: specimen\.area is no key that is asked about; did you mean specimen\.area_mm2\?"
+        BadConfig, match=r"confirmed_unusual\.0: specimen\.area is not a key that can be confirmed; did you mean specimen\.area_mm2\?"
     ):
         load_config(path)
 

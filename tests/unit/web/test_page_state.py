@@ -148,9 +148,13 @@ def test_what_did_not_change_is_not_told() -> None:
 def test_a_fault_comes_with_what_to_do() -> None:
     told = views()[-2]
     assert (told.protocol.state, told.protocol.message, told.protocol.asks) == ("fault", "the load is beyond its limit", True)
-    assert "Look at specimen and load frame" in told.protocol.advice
+    assert "Check specimen and load frame" in told.protocol.advice
     full, limit = told.alarms
-    assert (full.text, full.code, full.advice) == ("log: it is full", "log", "Make room on the disk; when the log keeps up again, Resume.")
+    assert (full.text, full.code, full.advice) == (
+        "log: it is full",
+        "log",
+        "Free space on the disk; when the log is written again, press Resume.",
+    )
     assert (limit.text, limit.code, limit.time_s) == ("the load is beyond its limit", "limit", 7.0)
     assert told.frames.refused[0].reason == "a.tif came too early"
 
@@ -205,7 +209,7 @@ def test_a_question_stays_until_it_is_answered_or_taken_back() -> None:
 
 def test_the_gate_s_verdict_and_the_pair_that_it_adds() -> None:
     told = next(one for one in views() if one.schedule.measures)
-    assert told.drift.verdict == "warming up: forecast 3 ± 0.6 px/min, 0.6 px/min wanted, waited 2 min"
+    assert told.drift.verdict == "warming up: forecast 3 ± 0.6 px/min, 0.6 px/min required, waited 2 min"
     steps = full_state(told)["schedule"]["steps"]
     assert [(one["warm_up"], one["load_n"]) for one in steps] == [(True, None), (False, None), (False, 100.0), (False, 200.0)]
     done = Step(0, Phase.CALIBRATION, (0.0, 0.0), (0.0, 0.0), None, warm_up=True)
@@ -245,8 +249,8 @@ def test_maps_are_what_was_correlated_and_points_that_do_not_count_are_no_number
     fields = fields_of(LogMessage(DIC_MAP, 1, 1, 3, encode_map(disparity)))
     assert fields is not None
     store = FieldStore()
-    store.keep(fields)
-    store.keep(fields)
+    store.store(fields)
+    store.store(fields)
     read = store.read(3, "disparity_u")
     assert read is not None
     values = np.frombuffer(read, "<f4").reshape(3, 4)

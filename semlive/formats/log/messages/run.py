@@ -89,7 +89,7 @@ class ClockMessage(MonotonicStamped):
 
 
 class ClockOffsetMessage(Message):
-    """`/clock/offset`: offset of the clock of another computer from experiment time (see `semlive.data.clock_offset`).
+    """`/clock/offset`: offset of the clock of another computer from experiment time (see `semlive.data.clock`).
 
     Attributes:
         clock: ``sem``, the computer that writes the time into the files, or ``share``, the computer that sets their modification times.

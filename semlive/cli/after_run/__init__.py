@@ -1,0 +1,1 @@
+"""Commands of the panel "After a run" in the help."""

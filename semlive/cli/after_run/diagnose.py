@@ -1,0 +1,120 @@
+"""`semlive diagnose`: where model and data disagree, and which effect is missing."""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from semlive.cli.after_run.forecast_table import forecast_table
+from semlive.cli.shared.progress_bar import multi_stage_progress
+from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
+from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis
+from semlive.report.diagnosis_page import diagnosis_html
+from semlive.service.diagnosis.model_file import compatible_model, model_of, write_model
+from semlive.service.diagnosis.run import diagnose_log, diagnosis_json
+from semlive.service.runtime.memory import single_arena
+
+_OUTCOME_TEXTS = {
+    Outcome.NONE: "no effect is missing that these data could show",
+    Outcome.IDENTIFIED: "the effects below are missing, and no other explanation is comparable",
+    Outcome.AMBIGUOUS: "an effect is missing; several effects explain the data equally well",
+    Outcome.UNKNOWN: "an effect is missing that is not in the dictionary",
+    Outcome.REJECTED: "the best effect does not explain the held-out pairs",
+}
+
+
+def diagnose(
+    log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
+    model: Annotated[Path | None, typer.Option(help="Model to start with, as `-o` writes it.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the model with the identified effects to this file.")] = None,
+    page: Annotated[Path | None, typer.Option("--html", help="Write the diagnosis as one HTML page to this file.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the random draws that calibrate the tests.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Find where model and data disagree, identify the missing effect, and show how much of the gap it closes."""
+    single_arena()
+    parent = model_of(log) if model is None else compatible_model(log, model)
+    with multi_stage_progress() as progress:
+        diagnosis = diagnose_log(log, seed, progress, parent.effect_model.effects)
+    if out is not None:
+        write_model(out, diagnosis, log, parent)
+    if page is not None:
+        made_from = [
+            ("log", log.name),
+            ("model", parent.name),
+            ("seed", str(seed)),
+            ("semlive", version("semlive")),
+        ]
+        page.write_text(diagnosis_html(log.name, diagnosis, made_from), encoding="utf-8")
+    if as_json:
+        typer.echo(json.dumps(diagnosis_json(diagnosis)))
+        return
+    console = Console()
+    console.print(f"{diagnosis.outcome.value}: {_OUTCOME_TEXTS[diagnosis.outcome]}")
+    for effect in diagnosis.effects:
+        console.print(_effect_table(effect))
+    for name in diagnosis.coarse:
+        console.print(f"{name}: {UNDERRESOLVED[name]}")
+    _print_gap(console, diagnosis)
+    console.print(_where_table(diagnosis))
+    if diagnosis.rows is None:
+        console.print(diagnosis.rows_unavailable)
+    else:
+        console.print(f"rows: {diagnosis.rows.pairs} pairs of {diagnosis.rows.rows}, noise of a pair {diagnosis.rows.noise_px:.4f} px")
+    console.print(_grey_line(diagnosis))
+    if diagnosis.experiment is not None:
+        console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
+        if diagnosis.experiment.forecasts:
+            console.print(forecast_table(diagnosis.experiment.forecasts))
+
+
+def _grey_line(diagnosis: Diagnosis) -> str:
+    grey = diagnosis.grey
+    if grey is None:
+        return diagnosis.intensity_unavailable
+    dark, slope = grey.noise
+    residual = f"; {grey.unexplained}" if grey.unexplained else ""
+    return (
+        f"grey levels: {grey.frames} frames in {grey.blocks} blocks, {grey.outcome.value}{residual}; variance of a pixel "
+        f"({dark.value:.3g} +- {dark.sigma:.2g}) + ({slope.value:.3g} +- {slope.sigma:.2g}) I"
+    )
+
+
+def _effect_table(effect: IdentifiedEffect) -> Table:
+    evidence = f"p = {effect.p_value:.3f}, logarithm of the Bayes factor {effect.log_bayes_factor:.1f}"
+    table = Table(title=f"{effect.name}: at most {effect.peak_px:.3f} px, {evidence}")
+    for heading in ("parameter", "value", "sigma", "unit"):
+        table.add_column(heading)
+    for parameter in effect.parameters:
+        table.add_row(parameter.name, f"{parameter.value:.4g}", f"{parameter.sigma:.2g}", parameter.unit)
+    if effect.strain:
+        modulus = effect.modulus_bias
+        bias = "" if modulus is None else f"; it would change Young's modulus by {100 * modulus.value:+.2g} +- {100 * modulus.sigma:.2g} %"
+        table.caption = f"this effect is strain or has the same displacement field as strain: strain is not corrected for it{bias}"
+    return table
+
+
+def _print_gap(console: Console, diagnosis: Diagnosis) -> None:
+    gap = diagnosis.gap
+    if gap is not None:
+        low, high = gap.closure_interval
+        console.print(
+            f"gap (rms residual of held-out pairs): {gap.before_px:.4f} px before, {gap.after_px:.4f} px after, "
+            f"{gap.floor_px:.4f} px is noise; "
+            f"{100 * gap.closure:.0f} % closed ({100 * low:.0f} to {100 * high:.0f} %)"
+        )
+
+
+def _where_table(diagnosis: Diagnosis) -> Table:
+    table = Table(title="where model and data disagree, before")
+    for heading in ("domain", "p", "rms px"):
+        table.add_column(heading)
+    for test in sorted(diagnosis.where, key=lambda item: item.p_value):
+        table.add_row(test.domain, f"{test.p_value:.3f}", f"{test.rms_px:.4f}")
+    return table

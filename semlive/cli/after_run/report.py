@@ -1,0 +1,45 @@
+"""`semlive report`: write one self-contained page about a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from semlive.cli.shared.progress_bar import multi_stage_progress, progress_bar
+from semlive.errors import BadInput
+from semlive.report.page import report_html, unanalysed_html
+from semlive.report.sections import write_figures
+from semlive.service.log.files import log_name, sibling_path
+from semlive.service.log.run_facts import log_facts
+from semlive.service.replay.replay import ReplayCallbacks, load_series, result_from_maps
+
+
+def report(
+    log: Annotated[Path, typer.Argument(help="One MCAP file, or a run folder of segments.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Page to write; by default in the folder of the log and named after it: my-run-report.html."),
+    ] = None,
+    pictures: Annotated[
+        Path | None, typer.Option("--figures", help="Folder for every figure as PNG and PDF, in the width of a journal page.")
+    ] = None,
+) -> None:
+    """Write a run as one page: figures as in the paper of the method, uncertainty budget, rejected frames, settings, versions."""
+    page = out or sibling_path(log, "-report.html")
+    try:
+        with multi_stage_progress() as progress:
+            result, settings = result_from_maps(log, ReplayCallbacks(progress))
+    except BadInput as error:
+        # A run that ended with an alarm before its first pair has no results; its page shows the alarms.
+        page.write_text(unanalysed_html(log_name(log), str(error), log_facts(log)), encoding="utf-8")
+        raise BadInput(f"{str(error).rstrip('.')}; its alarms and rejected frames are in {page}") from error
+    series = load_series(log)
+    with progress_bar("drawing", "figure") as drawing:
+        page.write_text(report_html(log_name(log), result, series, settings, log_facts(log), drawing), encoding="utf-8")
+    typer.echo(str(page))
+    if pictures is not None:
+        with progress_bar("writing", "figure") as writing:
+            written = write_figures(pictures, result, series, settings, writing)
+        typer.echo(f"{len(written)} figures in {pictures}")

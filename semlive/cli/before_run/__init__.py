@@ -1,0 +1,1 @@
+"""Commands of the panel "Before a run" in the help."""

@@ -1,0 +1,113 @@
+"""`semlive demo`: a complete simulated experiment through the daemon."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+from rich.console import Console
+
+from semlive.cli.shared.progress_bar import multi_stage_progress, progress_bar
+from semlive.cli.shared.simulator import running_simulator
+from semlive.cli.shared.tables import result_table, score_table
+from semlive.errors import BadInput, SemliveError
+from semlive.report.page import report_html
+from semlive.report.scoring.score import load_truth, score
+from semlive.service.log.run_facts import log_facts
+from semlive.service.replay.replay import ReplayCallbacks, load_series, result_from_maps
+
+
+def demo(
+    short: Annotated[bool, typer.Option("--short", help="Fewer pairs: 5 for calibration, 4 tensile.")] = False,
+    scenario: Annotated[str | None, typer.Option(help="Name of a simulator scenario.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for all files of the demo; new or empty.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Seconds of experiment per second of wall time; by default the simulator chooses, at most 40.")
+    ] = None,
+    triggered: Annotated[bool, typer.Option("--triggered", help="The microscope scans on a trigger; otherwise continuously.")] = False,
+    rtu: Annotated[bool, typer.Option("--rtu", help="Load frame and stage use Modbus RTU on one serial line; not on Windows.")] = False,
+) -> None:
+    """Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth."""
+    began, console = time.monotonic(), Console()
+    folder = (out or Path("runs") / f"demo-{datetime.datetime.now(datetime.UTC):%Y%m%d-%H%M%S}").resolve()
+    if folder.exists() and any(folder.iterdir()):
+        raise BadInput(f"{folder}: the folder is not empty; give --out a new folder")
+    console.print(f"starting the simulated microscope, load frame and stage; everything goes to {folder}")
+    with running_simulator(
+        scenario or ("short" if short else "paper_x200"), folder / "instrument", rate, triggered=triggered, rtu=rtu
+    ) as bench:
+        config = folder / "run.yaml"
+        config.write_text(yaml.safe_dump(daemon_config(bench, bench["rate"]), sort_keys=False), encoding="utf-8")
+        code = _daemon(config)
+        truth_file = Path(bench["truth_file"])
+    if code != 0:
+        raise SemliveError(f"the daemon ended with exit code {code}; its log is in {folder / 'log'}")
+    _show(console, folder, truth_file)
+    console.print(f"done in {time.monotonic() - began:.0f} s; try: semlive replay {folder / 'log' / 'demo'}")
+
+
+_SHIFTED: dict[str, dict[str, object]] = {"stage": {"kind": "specimen"}, "beam_shift": {"kind": "beam", "first_register": 400}}
+"""Registers of the simulated bench that shift the field of view: those of the stage (the default of the driver) or of the beam shift."""
+
+
+def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
+    """The configuration of the daemon for a simulated bench.
+
+    Args:
+        bench: content of the `ready.json` of the bench: its addresses and the experiment of the scenario.
+        rate: seconds of experiment per second of wall time.
+    """
+    link: dict[str, Any] = {"host": bench["host"], "port": bench["port"], "unit": bench["unit"]}
+    stage = link
+    if "rtu_port" in bench:
+        link = {"serial": {"port": bench["rtu_port"]}, "unit": bench["unit"]}
+        stage = {**link, "unit": bench["rtu_stage_unit"]}
+    experiment = bench["experiment"]
+    # A file on a local disk is complete after 0.1 s without change; a network share would need 2 s.
+    sem = {"folder": bench["export_folder"], "poll_s": 0.05, "stable_for_s": 0.15, "profile": {"start_sigma_s": 0.01}}
+    if bench["mode"] == "triggered":
+        sem["trigger"] = {"driver": "modbus", "settings": link}
+    # Three minutes of wall time: the analysis reports when a frame was scanned, and on a busy computer it may be some pairs behind.
+    protocol = {"frame_timeout_s": max(900.0, 180.0 * rate), **experiment["protocol"]}
+    return {
+        "run": {"name": "demo", "folder": "log", "clock_file": bench["clock_file"]},
+        "sem": {**sem, **experiment["sem"]},
+        "load_frame": {"driver": "modbus", "poll_s": min(0.05, 1.0 / rate), "settings": {**link, **experiment.get("load_frame", {})}},
+        "stage": {"driver": "modbus", "poll_s": min(0.1, 2.0 / rate), "settings": {**stage, **_SHIFTED[bench["shifts_by"]]}},
+        **{key: section for key, section in experiment.items() if key not in ("sem", "protocol", "load_frame")},
+        "protocol": protocol,
+    }
+
+
+def _daemon(config: Path) -> int:
+    """Run the daemon in the foreground; the daemon handles Ctrl-C, and this process waits until it has stopped the load frame."""
+    process = subprocess.Popen([sys.executable, "-m", "semlive", "run", str(config), "--stop-on-fault"])
+    while True:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            continue
+
+
+def _show(console: Console, folder: Path, truth_file: Path) -> None:
+    log = folder / "log" / "demo"
+    with multi_stage_progress() as progress:
+        result, settings = result_from_maps(log, ReplayCallbacks(progress))
+    truth = load_truth(truth_file)
+    scores = score(result, truth)
+    page = folder / "report.html"
+    with progress_bar("drawing", "figure") as drawing:
+        page.write_text(report_html("demo", result, load_series(log), settings, log_facts(log), drawing), encoding="utf-8")
+    (folder / "score.json").write_text(json.dumps({quantity.name: quantity.to_json() for quantity in scores}, indent=1), encoding="utf-8")
+    console.print(result_table(result))
+    console.print(score_table(scores))
+    if truth["clock_stretches"]:
+        console.print(f"the simulator was too slow {truth['clock_stretches']} times and stretched the clock")
+    console.print(f"report: {page}")

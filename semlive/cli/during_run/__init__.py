@@ -1,0 +1,1 @@
+"""Commands of the panel "A run" in the help."""

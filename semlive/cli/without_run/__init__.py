@@ -1,0 +1,1 @@
+"""Commands of the panel "Without a run" in the help."""
