@@ -23,9 +23,9 @@ from semlive.process_lock import Holder, ProcessLock
 from semlive.service.checks.instrument import check_device_endpoints, endpoints_in
 from semlive.service.config.configuration import Config, DriverSection
 from semlive_drivers.endpoint_lock import reserve_serial, reserve_tcp
-from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
+from semlive_drivers.modbus.tcp.link import ModbusLink
 from semlive_drivers.modbus.trigger import open_trigger
 
 from .processes import WallClock

@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semlive.errors import LinkError
-from semlive_drivers.modbus.client import RtuLink
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.rtu.frames import (
@@ -26,6 +25,7 @@ from semlive_drivers.modbus.rtu.frames import (
     write_request,
 )
 from semlive_drivers.modbus.rtu.line import NoReply, RtuLine
+from semlive_drivers.modbus.rtu.link import RtuLink
 from semlive_drivers.serial_port import SerialSettings
 
 from .emulated import Device, over_rtu

@@ -11,7 +11,7 @@ import pytest
 
 from semlive.errors import BadConfig, LinkError
 from semlive_drivers.modbus.codec import Block
-from semlive_drivers.modbus.part import open_link
+from semlive_drivers.modbus.device import open_link
 from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.rtu.shared_line import PriorityLock, is_shared
 from semlive_drivers.modbus.settings import ModbusSettings
