@@ -74,7 +74,7 @@ def bench(stack: ExitStack, line: Line) -> SomeRig:
     port = server.start()
     stack.callback(server.stop)
     clock.begin()
-    troubles = registers.troubles
+    troubles = registers.line_faults
 
     def deaf(yes: bool) -> None:
         troubles.order(LineFault.SILENT, [line], 1, 60.0) if yes else troubles.clear()
