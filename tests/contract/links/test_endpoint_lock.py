@@ -185,7 +185,7 @@ def test_a_trigger_keeps_its_device_between_requests(server: socket.socket) -> N
 def test_nobody_at_the_address_leaves_it_free() -> None:
     with socket.create_server(("127.0.0.1", 0)) as gone:
         port = port_of(gone)
-    with pytest.raises(LinkRefused, match="nobody answers"):
+    with pytest.raises(LinkRefused, match="no device answers"):
         ModbusLink("127.0.0.1", port, 1, 0.3)
     with process("tcp", "127.0.0.1", str(port), "1") as (_, said):
         assert said == "held"

@@ -68,7 +68,7 @@ def test_a_sign_in_a_status_bit_and_decimals_in_another_register() -> None:
             decimals = len(f"{division:.4f}".rstrip("0").partition(".")[2])
             assert frame.read().force_n == pytest.approx(-123 * 10**-decimals), f"division {division}"
         cell.words[13] = 9 << 8 | 13  # N m: no force
-        with pytest.raises(LinkError, match="division says 9, of which the register map does not tell"):
+        with pytest.raises(LinkError, match="division is 9, and the register map does not state"):
             frame.read()
         cell.words[13] = 4 << 8 | 7
         cell.before_read = lambda: cell.words.update({6: 0x0001})
@@ -261,7 +261,7 @@ def test_nobody_answers_on_a_line_that_is_not_there(tmp_path: Path) -> None:
     [
         ("", ""),
         ("tells: {force: farce}", "tells names a point 'farce' that is not among points"),
-        ("every_turn: [[extension]]", "every_turn must hold force, which is told or needed with every reading"),
+        ("every_turn: [[extension]]", "every_turn must contain force, which every reading needs"),
         ("orders: {stop: [{set: {command: now}}]}", "orders.stop writes 'now'; an order can write numbers and force_n"),
         ("tells: {force: force, force_unit: stone}", "unit 'stone' is not known; it may be 1, N, kN"),
         ("tals: {}", "tals: Extra inputs are not permitted"),

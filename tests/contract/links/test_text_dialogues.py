@@ -145,7 +145,7 @@ def test_a_late_answer_is_refused_and_the_next_ones_are_right(stand: Stand) -> N
     stand.troubles.order(LineFault.LATE, [Line.SERIAL], 1, 0.6)
     with pytest.raises(LinkError, match=r"gave no complete answer within 0\.3 s to 'p'"):
         frame.read()
-    with pytest.raises(LinkError, match="an answer is still owed"):
+    with pytest.raises(LinkError, match="an earlier answer is still pending"):
         frame.read()
     frame.close()
     again = open_load_frame(stand.settings(serial={"port": stand.path, "slowest_s": 0.8}), CLOCK)
@@ -214,7 +214,7 @@ def test_a_look_at_the_stand_gives_no_order(stand: Stand) -> None:
     assert said["force"].verdict is Verdict.OK
     assert said["motion"].said == "S"
     assert found.passed
-    with pytest.raises(BadConfig, match="mark10_esm speaks over a serial line; give its path"):
+    with pytest.raises(BadConfig, match="mark10_esm is connected by a serial line; give its path"):
         check_frame("mark10_esm", {"host": "127.0.0.1", "port": 502}, CLOCK)
 
 
