@@ -51,7 +51,7 @@ class CsvSettings(BaseModel):
     extension: Column | None = None
     gage: Column | None = None
     frozen_after_s: float = Field(default=3.0, gt=0)
-    """A file that does not grow for this wall time gives no reading. At the start of a run, lines written earlier are not used."""
+    """A file that does not grow for this wall time gives no reading, also at the start of a run."""
 
     @model_validator(mode="after")
     def _names_a_column(self) -> CsvSettings:
@@ -127,14 +127,14 @@ class CsvLoadFile:
         """As `read`, which writes nothing."""
         return self.read()
 
-    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def command(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Refuse an order: a file takes none.
 
         Raises:
             LinkError: always.
         """
         del values
-        raise LinkError(f"{self.where} is a file and takes no order to {what}")
+        raise LinkError(f"{self.where} is a file and takes no order to {order}")
 
     def blind_stop(self) -> None:
         """Nothing moves."""

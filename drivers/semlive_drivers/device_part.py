@@ -96,11 +96,11 @@ class Part(Protocol):
         """Take a new reading without writing anything."""
         ...
 
-    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def command(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Give an order; returns after the device took it.
 
         Args:
-            what: the order.
+            order: the order.
             values: ``force_n`` and ``rate_n_s`` of a ramp; ``travel_mm`` (largest travel, positive) and ``speed_mm_s`` of a jog.
         """
         ...
@@ -122,7 +122,7 @@ class OrderBook(Protocol):
         """Orders that the device can take."""
         ...
 
-    def order_problem(self, what: PartCommand, values: Mapping[str, float]) -> str | None:
+    def order_problem(self, order: PartCommand, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given exactly, or None; sends nothing and never raises."""
         ...
 
@@ -194,7 +194,7 @@ class OrderHolder(Protocol):
         """Whether every value of the last difference found by `DevicePart.order_changed` is 0, as after a restart."""
         ...
 
-    def recall(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def recall(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Compare the device from now on with an order of an earlier process; sends nothing and never raises."""
         ...
 

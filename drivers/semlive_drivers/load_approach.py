@@ -233,8 +233,8 @@ def ramp_problem(book: OrderBook, settings: ApproachSettings | None, force_n: fl
     return next(
         (
             problem
-            for what in (PartCommand.JOG_TENSION, PartCommand.JOG_COMPRESSION)
-            if what in book.can and (problem := book.order_problem(what, values))
+            for order in (PartCommand.JOG_TENSION, PartCommand.JOG_COMPRESSION)
+            if order in book.can and (problem := book.order_problem(order, values))
         ),
         None,
     )

@@ -4,10 +4,10 @@
 
 The independent frame is built from DIR/frame.c (by default `../shared/peers` next to the repository; needs gcc and libmodbus); the second
 frame is a program of tests/benchmarks/peer_frame. Each scenario is a run of `semlive run CONFIG --attended` with an operator's terminal and
-exported frames; the record of the device contains true force, orders and stops. NAME is a scenario or the beginning of
-several names; `--list` shows all. Each scenario prints one line; `--write` writes docs/validation/load-frame-safety.md. Observations are added to FILE; scenarios in
-FILE are judged without being run again, so the campaign can be interrupted and continued. The exit status is 1 if a scenario or a
-bar failed.
+exported frames; the record of the device contains true force, orders and stops. NAME is a scenario or the beginning of several names;
+`--list` shows all. Each scenario prints one line; `--write` writes docs/validation/load-frame-safety.md. Observations are added to FILE;
+scenarios in FILE are judged without being run again, so the campaign can be interrupted and continued. The exit status is 1 if a scenario
+or a bar failed.
 """
 
 from __future__ import annotations

@@ -214,9 +214,9 @@ class DeviceMap(DeviceDescription):
             required |= set(self.points[name].point().needs)
         if required - every:
             raise ValueError(f"every_turn must contain {', '.join(sorted(required - every))}, which every reading needs")
-        for what, writes in self.orders.items():
+        for order, writes in self.orders.items():
             for write in writes:
-                self._check_write(f"orders.{what}", write)
+                self._check_write(f"orders.{order}", write)
         for stop in self.other_stops:
             for write in stop.writes:
                 self._check_write(f"other_stops ({stop.says})", write)

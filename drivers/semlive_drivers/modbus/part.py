@@ -122,9 +122,9 @@ class ModbusPart:
         """Whether the registers of the last order are all 0, as `semlive_drivers.device_part.OrderHolder`."""
         return self._commander.cleared
 
-    def recall(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def recall(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Compare the device from now on with an order of an earlier process; writes nothing."""
-        self._commander.recall(what, values)
+        self._commander.recall(order, values)
 
     def identify(self) -> PartReading:
         """Take a new reading without writing anything; raises as `read`."""
@@ -147,14 +147,14 @@ class ModbusPart:
         self._last_reading = reading
         return self._part_reading(reading, raw, gage_strain)
 
-    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def command(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Give an order; return after the device took it, and after it was read back where the map requires that.
 
         Raises:
             LinkError: if the device did not take it, or if it is a motion and the description is not confirmed.
         """
-        self._commander.give(what, values)
-        if what in (PartCommand.RAMP, PartCommand.STOP):
+        self._commander.give(order, values)
+        if order in (PartCommand.RAMP, PartCommand.STOP):
             self._target, self._target_jump = self._target.after_order(values.get("force_n"), _now_s(self._clock)), None
 
     def resolution(self) -> tuple[float, float]:

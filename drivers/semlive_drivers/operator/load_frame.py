@@ -43,9 +43,9 @@ class OperatorOrders:
 
     can = frozenset({PartCommand.RAMP, PartCommand.STOP})
 
-    def order_problem(self, what: PartCommand, values: Mapping[str, float]) -> str | None:
+    def order_problem(self, order: PartCommand, values: Mapping[str, float]) -> str | None:
         """Why a load cannot be requested, or None."""
-        del what
+        del order
         return None if all(abs(value) < float("inf") for value in values.values()) else "a load that is no number cannot be requested"
 
     def step_of(self, value: str) -> float:
@@ -117,9 +117,9 @@ class OperatorCrosshead:
         with self._lock:
             return self._target_n if self._moving else None
 
-    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def command(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Show the request for a load, or to stop."""
-        if what is PartCommand.STOP:
+        if order is PartCommand.STOP:
             with self._lock:
                 was_moving, self._moving = self._moving or self._load_changes(), False
                 self._stop_requested = self._stop_requested or was_moving
@@ -202,9 +202,9 @@ class MonitoredLoadFile:
         """As `read`."""
         return self.read()
 
-    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def command(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Refuse an order; raises as `CsvLoadFile.command`."""
-        self._load_file.command(what, values)
+        self._load_file.command(order, values)
 
     def blind_stop(self) -> None:
         """Do nothing: nothing moves."""

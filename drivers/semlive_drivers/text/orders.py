@@ -10,11 +10,11 @@ from semlive_drivers.text.codec import fill_template, step_of
 from semlive_drivers.text.dialogue import TextProtocol
 
 
-def order_values(what: PartCommand, values: Mapping[str, float], extension_mm: float) -> dict[str, float]:
+def order_values(order: PartCommand, values: Mapping[str, float], extension_mm: float) -> dict[str, float]:
     """The values of an order, and those that a dialogue may use in their place.
 
     Args:
-        what: the order.
+        order: the order.
         values: as of `Part.command`.
         extension_mm: extension at the last reading, from which the end of a motion is counted.
 
@@ -27,7 +27,7 @@ def order_values(what: PartCommand, values: Mapping[str, float], extension_mm: f
     if "rate_n_s" in derived:
         derived["rate_n_min"] = derived["rate_n_s"] * 60.0
     if "travel_mm" in derived:
-        derived["to_mm"] = extension_mm + (derived["travel_mm"] if what is PartCommand.JOG_TENSION else -derived["travel_mm"])
+        derived["to_mm"] = extension_mm + (derived["travel_mm"] if order is PartCommand.JOG_TENSION else -derived["travel_mm"])
     return derived
 
 
@@ -43,17 +43,17 @@ class TextOrders:
         self._dialogue, self._all_values = dialogue, all_values
         self.can = frozenset(dialogue.orders)
 
-    def order_problem(self, what: PartCommand, values: Mapping[str, float]) -> str | None:
+    def order_problem(self, order: PartCommand, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given exactly, or None; sends nothing and never raises."""
         try:
-            self.require_exact(what, self._all_values(what, values))
+            self.require_exact(order, self._all_values(order, values))
         except LinkError as error:
             return str(error)
         return None
 
-    def require_exact(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def require_exact(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Raise LinkError if the number format of a request does not hold a value of the order exactly enough."""
-        for step in self._dialogue.orders.get(what, ()):
+        for step in self._dialogue.orders.get(order, ()):
             fill_template(step.send, values)
 
     def step_of(self, value: str) -> float:

@@ -110,31 +110,31 @@ class TextPart:
             gage_strain=number(reply, "gage"),
         )
 
-    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def command(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Give an order; returns after every step of it succeeded.
 
         Raises:
             LinkError: if the device did not take it, or if it is a motion and the description is not confirmed.
         """
-        if what in MOTIONS:
+        if order in MOTIONS:
             require_confirmed(self.where, self.dialogue.name, confirmed=self.dialogue.confirmed or self._settings.confirmed)
-        all_values = dict(self._all_values(what, values))
-        if what is not PartCommand.STOP:  # every number is checked before anything is sent
-            self.book.require_exact(what, all_values)
+        all_values = dict(self._all_values(order, values))
+        if order is not PartCommand.STOP:  # every number is checked before anything is sent
+            self.book.require_exact(order, all_values)
         self.session.values = all_values
         # A motion replaces the order before it, and after a failed motion the values in the device are unknown. After a stop the values
         # of the last motion are still compared, except those that another program or a person set.
-        self._memory = {} if what in MOTIONS else without(self._memory, self._differing)
+        self._memory = {} if order in MOTIONS else without(self._memory, self._differing)
         self._differing = frozenset()
-        for step in self.dialogue.orders[what]:
+        for step in self.dialogue.orders[order]:
             self.session.perform(step)
-        if what in MOTIONS:
-            self._memory = values_of((*self.dialogue.orders[what], *self.dialogue.read_back.get(what, ())), all_values)
+        if order in MOTIONS:
+            self._memory = values_of((*self.dialogue.orders[order], *self.dialogue.read_back.get(order, ())), all_values)
 
-    def recall(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def recall(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Compare the device from now on with an order of an earlier process, as `OrderHolder` does; sends nothing."""
-        steps = (*self.dialogue.orders.get(what, ()), *self.dialogue.read_back.get(what, ()))
-        self._memory = values_of(steps, order_values(what, values, self._extension_mm))
+        steps = (*self.dialogue.orders.get(order, ()), *self.dialogue.read_back.get(order, ()))
+        self._memory = values_of(steps, order_values(order, values, self._extension_mm))
 
     @property
     def cleared(self) -> bool:
@@ -174,8 +174,8 @@ class TextPart:
         """Close the line."""
         self.session.close()
 
-    def _all_values(self, what: PartCommand, values: Mapping[str, float]) -> Mapping[str, float]:
-        return {**self.session.values, **order_values(what, values, self._extension_mm)}
+    def _all_values(self, order: PartCommand, values: Mapping[str, float]) -> Mapping[str, float]:
+        return {**self.session.values, **order_values(order, values, self._extension_mm)}
 
     def _stop_by(self, steps: Sequence[Step]) -> None:
         for step in steps:

@@ -69,20 +69,20 @@ class Commander:
             for write in writes:
                 runs_of({name: points[name] for name in write.set}, device.max_block)
 
-    def give(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def give(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Give an order; return after the device took it, and after it was read back where its registers can be read.
 
         Raises:
             LinkError: if the device did not take it or cannot hold it exactly, or if it is a motion and the description is not confirmed.
         """
-        if what in MOTIONS:
+        if order in MOTIONS:
             confirmed = self._device.confirmed or self._settings.confirmed
             require_confirmed(self._link.where, self._device.name, confirmed=confirmed)
         # Everything is encoded and checked before anything is written.
-        entries = self._entries(self._device.orders[what], values, exact=what is not PartCommand.STOP)
+        entries = self._entries(self._device.orders[order], values, exact=order is not PartCommand.STOP)
         self._last.update(values)
         differing, self._differing, self.cleared = self._differing, frozenset(), False
-        if what is PartCommand.STOP:
+        if order is PartCommand.STOP:
             # A value that another program wrote, and that the stop does not write again, is not compared any more.
             self._memory = forgotten(self._memory, differing)
             self._write_all(entries)
@@ -90,8 +90,8 @@ class Commander:
         for write, requests in entries:
             for request in requests:
                 self._write(write, request)
-        if what in MOTIONS:
-            self._read_back_order(what, entries)
+        if order in MOTIONS:
+            self._read_back_order(order, entries)
 
     def stop_blind(self) -> bool:
         """Write a stop without waiting for an answer; never raises."""
@@ -103,13 +103,13 @@ class Commander:
         """Stop by the further method of this index; raises LinkError if the device did not take it."""
         self._write_all(self._entries(self._device.other_stops[method].writes, {}, exact=False))
 
-    def recall(self, what: PartCommand, values: Mapping[str, float]) -> None:
+    def recall(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Compare the device from now on with an order of an earlier process, which may have sent a stop after it; writes nothing.
 
         A value that a stop writes differently is not compared. An order that cannot be encoded is not compared.
         """
         try:
-            entries = self._entries(self._device.orders.get(what, ()), values, exact=False)
+            entries = self._entries(self._device.orders.get(order, ()), values, exact=False)
             self._last.update(values)
             stops = self._entries(self._device.orders.get(PartCommand.STOP, ()), {}, exact=False)
         except LinkError:
@@ -139,13 +139,13 @@ class Commander:
         difference = self._compare(*groups[self._next_group])
         return None if difference is None else f"{difference}: {_CLEARED if self.cleared else FOREIGN_ORDER}"
 
-    def _read_back_order(self, what: PartCommand, entries: Sequence[tuple[Write, Sequence[Request]]]) -> None:
+    def _read_back_order(self, order: PartCommand, entries: Sequence[tuple[Write, Sequence[Request]]]) -> None:
         """Read an order back once. Later jogs of a ramp in displacement control are compared with the next reading only."""
         names = {name for _, requests in entries for request in requests for name in request.names}
         unverified = [name for name, entry in self._memory.items() if name in names - self._unreadable and entry.held is None]
-        if not unverified or (what is not PartCommand.RAMP and what in self._read_back):
+        if not unverified or (order is not PartCommand.RAMP and order in self._read_back):
             return
-        self._read_back.add(what)
+        self._read_back.add(order)
         for group, block in groups_of(unverified, self._points, self._device.max_block, together=self._together):
             difference = self._compare(group, block)
             if difference is not None:

@@ -62,10 +62,10 @@ def comparable(device: DeviceMap) -> Comparable:
     """The points of a map that can be compared."""
     values: dict[str, str] = {}
     excluded = set(device.changes_by_itself)
-    for what, writes in device.orders.items():
+    for order, writes in device.orders.items():
         for name, entry in (item for write in writes for item in write.set.items()):
             value = entry.removeprefix("-") if isinstance(entry, str) else ""
-            if value in _VALUES and what in MOTIONS:
+            if value in _VALUES and order in MOTIONS:
                 values[name] = value
             elif value and value not in _VALUES:
                 excluded.add(name)

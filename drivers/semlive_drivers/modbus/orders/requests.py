@@ -142,11 +142,11 @@ class DescribedOrders:
         """Orders that the device can take."""
         return frozenset(self.device.orders)
 
-    def order_problem(self, what: PartCommand, values: Mapping[str, float]) -> str | None:
+    def order_problem(self, order: PartCommand, values: Mapping[str, float]) -> str | None:
         """Why an order cannot be given exactly, or None."""
         all_values = {**dict.fromkeys(ORDERED, 0.0), **values}
         try:
-            for write in self.device.orders.get(what, ()):
+            for write in self.device.orders.get(order, ()):
                 requests_of(write, self.points, all_values, self.device.max_block)
         except LinkError as error:
             return str(error)
