@@ -154,7 +154,7 @@ def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
 
     def want(name: str, urgent: bool) -> threading.Thread:
         def run() -> None:
-            with turns.taken(urgent):
+            with turns.acquired(urgent):
                 served.append(name)
 
         thread = threading.Thread(target=run)
@@ -163,7 +163,7 @@ def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
         wait_until(lambda: sum(map(len, turns._waiting)) > waiting)
         return thread
 
-    with turns.taken(False):
+    with turns.acquired(False):
         begun.set()
         threads = [want("a", False), want("b", False), want("stop", True), want("stop too", True)]
     for thread in threads:
