@@ -1,4 +1,4 @@
-"""`semlive frame check`: looks at a device without moving it; the entry point of ``semlive.frame_checks``."""
+"""`semlive frame check`: check a device without moving it; the entry point of ``semlive.frame_checks``."""
 
 from __future__ import annotations
 
@@ -13,52 +13,52 @@ from semlive_drivers.device_part import OrderBook
 from semlive_drivers.load_approach import ApproachSettings, ramp_problem
 from semlive_drivers.maps import map_content
 from semlive_drivers.modbus.check import check_modbus
-from semlive_drivers.modbus.settings import checked
+from semlive_drivers.settings import checked
 from semlive_drivers.text.check import check_text
 
 
-class WantedOrders(BaseModel):
-    """Orders that a run will give, to be held against what the device can hold; nothing is sent."""
+class RunOrders(BaseModel):
+    """Orders of a run, which are compared with those that the device can hold; nothing is sent."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     loads_n: list[float] = []
-    """Loads to go to."""
+    """Target loads."""
     rate_n_s: float | None = None
-    """Rate of every ramp; without one, no order is looked at."""
+    """Rate of every ramp; None checks no order."""
     approach: ApproachSettings | None = None
-    """How a load is approached in displacement control."""
+    """Settings for loads in displacement control."""
 
     def findings(self, book: OrderBook) -> Iterator[Finding]:
-        """Each order, whether the device can hold it as it is meant."""
+        """For each order, whether the device can hold it exactly."""
         for load_n in self.loads_n if self.rate_n_s is not None else ():
             rate_n_s = self.rate_n_s or 0.0
             problem = ramp_problem(book, self.approach, load_n, rate_n_s)
             what = f"{load_n:g} N at {rate_n_s:g} N/s"
             if problem is None:
-                yield Finding(what, "can be ordered as meant", Verdict.OK)
+                yield Finding(what, "can be ordered exactly", Verdict.OK)
             else:
                 yield Finding(what, problem, Verdict.FAILED, "correct the load, the rate or the description")
 
 
 def check_frame(name: str, settings: Mapping[str, object], clock: ClockSource) -> FrameCheck:
-    """Look at the device that a description describes.
+    """Check a device against its description.
 
     Args:
-        name: of the description, or a path.
-        settings: as of the driver, and under ``orders`` the orders of a run (`WantedOrders`).
+        name: name of the description, or a path.
+        settings: as of the driver, with the orders of a run under ``orders`` (`RunOrders`).
         clock: experiment time.
 
     Raises:
-        BadConfig: for settings or a description that are not understood.
-        LinkRefused: if nobody answers.
-        LinkError: if the link is lost meanwhile.
+        BadConfig: for settings or a description that are not valid.
+        LinkRefused: if no device answers.
+        LinkError: if the link is lost during the check.
     """
-    given = settings.get("orders", {})
-    wanted = checked(WantedOrders, given if isinstance(given, Mapping) else {"orders": given}, "frame check: orders")
+    orders = settings.get("orders", {})
+    run_orders = checked(RunOrders, orders if isinstance(orders, Mapping) else {"orders": orders}, "frame check: orders")
     rest = {key: value for key, value in settings.items() if key != "orders"}
     if map_content(name)["protocol"] == "modbus":
-        return check_modbus(name, rest, wanted.findings)
+        return check_modbus(name, rest, run_orders.findings)
     if "serial" not in settings:
-        raise BadConfig(f"{name} speaks over a serial line; give its path: --port /dev/ttyUSB0")
-    return check_text(name, {key: value for key, value in rest.items() if key != "unit"}, clock, wanted.findings)
+        raise BadConfig(f"{name} is connected by a serial line; give its path: --port /dev/ttyUSB0")
+    return check_text(name, {key: value for key, value in rest.items() if key != "unit"}, clock, run_orders.findings)

@@ -1,4 +1,4 @@
-"""A load frame put together from several devices: the cell from one, the drive from another, a strain gage from a third."""
+"""A load frame of several devices, such as load cell, drive, strain gage and watchdog."""
 
 from __future__ import annotations
 
@@ -11,52 +11,56 @@ from pydantic import BaseModel, ConfigDict
 from semlive.errors import BadConfig, LinkError, SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers import csv_load_file
-from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings
+from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings, compose
 from semlive_drivers.device_part import Part
 from semlive_drivers.modbus import part as modbus
-from semlive_drivers.modbus.settings import checked
+from semlive_drivers.settings import checked
 from semlive_drivers.text import part as text
 
 ROLES = ("cell", "drive", "gage", "watchdog")
 
 
 class AssembledSettings(BaseModel):
-    """The parts by role; each says its protocol and has the settings of that protocol's driver."""
+    """The parts by role; each states its protocol and has the settings of the driver of that protocol."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     cell: dict[str, Any] | None = None
-    """Tells the load."""
+    """Device that measures the load."""
     drive: dict[str, Any] | None = None
-    """Moves."""
+    """Device that moves the crosshead."""
     gage: dict[str, Any] | None = None
-    """Tells the strain of a gage on the specimen."""
+    """Device that measures the strain of a gage on the specimen."""
     watchdog: dict[str, Any] | None = None
-    """Is fed with every reading, and takes the drive's power away when it is not."""
+    """Device that receives a heartbeat with every reading, and switches off the drive without it."""
 
 
 Opener = Callable[[Mapping[str, object], ClockSource, str], Part]
 _OPENERS: dict[str, Opener] = {"modbus": modbus.open_part, "ascii": text.open_part, "csv": csv_load_file.open_part}
 
 
-def open_devices(given: Mapping[str, Mapping[str, object] | None], clock: ClockSource) -> list[Part]:
-    """Open devices by role; those on one serial line share it.
+def open_devices(configured: Mapping[str, Mapping[str, object] | None], clock: ClockSource) -> list[Part]:
+    """Open the devices of the roles; devices on one serial line share it.
+
+    Args:
+        configured: settings by role; None for a role without a device.
+        clock: experiment time.
 
     Raises:
-        BadConfig: for settings that are not understood.
-        LinkRefused: if nobody, or somebody else, answers.
-        LinkError: if a device answers nonsense.
+        BadConfig: for settings that are not valid.
+        LinkRefused: if no device, or another one, answers.
+        LinkError: if an answer is not valid.
     """
     parts: list[Part] = []
     try:
-        for role, settings in given.items():
+        for role, settings in configured.items():
             if settings is None:
                 continue
             protocol = settings.get("protocol", "modbus")
             if protocol not in _OPENERS:
                 raise BadConfig(f"{role}: protocol {protocol!r} is not known; it may be {', '.join(_OPENERS)}")
-            rest = {key: value for key, value in settings.items() if key != "protocol"}
-            parts.append(_OPENERS[str(protocol)](rest, clock, role))
+            part_keys = {key: value for key, value in settings.items() if key != "protocol"}
+            parts.append(_OPENERS[str(protocol)](part_keys, clock, role))
     except SemliveError:
         for part in parts:
             with contextlib.suppress(LinkError):
@@ -66,20 +70,14 @@ def open_devices(given: Mapping[str, Mapping[str, object] | None], clock: ClockS
 
 
 def open_load_frame(settings: Mapping[str, object], clock: ClockSource) -> CompositeLoadFrame:
-    """Open all parts.
+    """Open all parts of a load frame.
 
     Raises:
-        BadConfig: for settings that are not understood.
-        LinkRefused: if nobody, or somebody else, answers.
-        LinkError: if a device answers nonsense.
+        BadConfig: for settings that are not valid.
+        LinkRefused: if no device, or another one, answers.
+        LinkError: if an answer is not valid.
     """
-    own, rest = FrameSettings.split(settings)
-    known = checked(FrameSettings, own, "assembled load frame")
-    given = checked(AssembledSettings, rest, "assembled load frame")
-    parts = open_devices({role: getattr(given, role) for role in ROLES}, clock)
-    try:
-        return CompositeLoadFrame(parts, known, clock)
-    except SemliveError:
-        for part in parts:
-            part.close()
-        raise
+    frame_keys, part_keys = FrameSettings.split(settings)
+    frame_settings = checked(FrameSettings, frame_keys, "assembled load frame")
+    roles = checked(AssembledSettings, part_keys, "assembled load frame")
+    return compose(open_devices({role: getattr(roles, role) for role in ROLES}, clock), frame_settings, clock)

@@ -1,4 +1,4 @@
-"""A load frame's parts: whatever tells the load, the extension or a strain, and whatever can be told to move."""
+"""Parts of a load frame: the devices that measure load, extension or strain, and the devices that move."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from semlive.ports import ClockSource
 
 
 class PartCommand(StrEnum):
-    """What a part can be told.
+    """Orders that a part can take.
 
-    `RAMP` goes to a load by the device's own control. `JOG_TENSION` and `JOG_COMPRESSION` move the crosshead by no more than a given travel
-    and end by themselves.
-    `ARM` and `DISARM` are the device's own watchdog.
+    `RAMP` brings the load to a target by the device's own control. `JOG_TENSION` and `JOG_COMPRESSION` move the crosshead by at most a
+    given travel and end without a further order. `ARM` and `DISARM` switch the watchdog of the device.
     """
 
     RAMP = "ramp"
@@ -28,26 +27,30 @@ class PartCommand(StrEnum):
 
 
 WITHHELD = "watchdog withheld"
-"""The way to stop a device with an armed watchdog that always works while the device does: it is not fed any more."""
+"""Description of the last stop method of a device with an armed watchdog: semlive sends no heartbeat any more."""
+FOREIGN_ORDER = "another program or a person commands it, or it was restarted"
+"""Why a device holds another order than semlive gave."""
+SATURATED = "the sensor is saturated or not connected; check sensor, cable and amplifier"
+"""Why a reading is at the end of its range."""
 
 MOTIONS = frozenset({PartCommand.RAMP, PartCommand.JOG_TENSION, PartCommand.JOG_COMPRESSION})
 
 
 @dataclass(frozen=True, slots=True)
 class PartReading:
-    """What one part says in one turn; None is what it does not tell.
+    """Values of one part in one turn; None for a value that the part does not measure.
 
     Attributes:
-        force_n: tension positive.
-        extension_mm: of the crosshead, pulling positive.
-        motion: by its own word.
-        target_n: the load it is going to or holding.
-        lag_s: how far a simulator is behind its clock.
-        force_max_n: its own limit.
-        gage_strain: of a strain gage, tension positive.
-        trouble: why it is in fault.
+        force_n: load, N, tension positive.
+        extension_mm: extension of the crosshead, mm, tension positive.
+        motion: motion state that the device reports.
+        target_n: load that the device goes to or holds, N.
+        lag_s: delay of a simulator behind its clock, s.
+        force_max_n: force limit of the device, N.
+        gage_strain: strain of a strain gage, tension positive.
+        trouble: why the device is in fault.
         raw: registers as read.
-        reading_counter: its counter of readings, and at how many that begins anew.
+        reading_counter: counter of readings of the device, and the count at which it restarts from 0.
     """
 
     force_n: float | None = None
@@ -63,47 +66,47 @@ class PartReading:
 
 
 class Part(Protocol):
-    """One device, opened and greeted. Not thread-safe. Every method but `close` may raise LinkError."""
+    """One device, opened and identified. Not thread-safe. Every method but `close` may raise LinkError."""
 
     @property
     def where(self) -> str:
-        """Who it is and how it is reached."""
+        """Name and address of the device."""
         ...
 
     @property
     def simulated(self) -> bool:
-        """Whether it says that it is a simulator."""
+        """Whether the device reports that it is a simulator."""
         ...
 
     @property
     def has_watchdog(self) -> bool:
-        """Whether it says that it stops when nobody speaks to it any more, and is armed to."""
+        """Whether the device stops when it receives no more requests, and this watchdog is armed."""
         ...
 
     @property
     def capabilities(self) -> frozenset[PartCommand]:
-        """What it can be told."""
+        """Orders that the part can take."""
         ...
 
     def read(self) -> PartReading:
-        """A fresh reading; tells the device that we are there."""
+        """Feed the watchdog of the device, and take a new reading."""
         ...
 
     def identify(self) -> PartReading:
-        """A fresh reading that writes nothing."""
+        """Take a new reading without writing anything."""
         ...
 
-    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
-        """Give an order; returns when the device has taken it.
+    def command(self, order: PartCommand, values: Mapping[str, float]) -> None:
+        """Give an order; returns after the device took it.
 
         Args:
-            what: the order.
-            values: ``force_n``, ``rate_n_s`` of a ramp; ``travel_mm`` (at most, positive), ``speed_mm_s`` of a motion.
+            order: the order.
+            values: ``force_n`` and ``rate_n_s`` of a ramp; ``travel_mm`` (largest travel, positive) and ``speed_mm_s`` of a jog.
         """
         ...
 
     def blind_stop(self) -> None:
-        """Say stop without waiting for an answer, on a link that failed; never raises."""
+        """Write a stop without waiting for an answer, on a link that failed; never raises."""
         ...
 
     def close(self) -> None:
@@ -112,69 +115,69 @@ class Part(Protocol):
 
 
 class OrderBook(Protocol):
-    """What a machine can be ordered, and how exactly."""
+    """Orders that a device can take, and how exactly."""
 
     @property
     def can(self) -> frozenset[PartCommand]:
-        """What it can be told."""
+        """Orders that the device can take."""
         ...
 
-    def order_problem(self, what: PartCommand, values: Mapping[str, float]) -> str | None:
-        """Why an order cannot be given as it is meant, or None; sends nothing and never raises."""
+    def order_problem(self, order: PartCommand, values: Mapping[str, float]) -> str | None:
+        """Why an order cannot be given exactly, or None; sends nothing and never raises."""
         ...
 
     def step_of(self, value: str) -> float:
-        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders to pull, in that unit; 0 where the number format sets none."""
+        """Smallest step of ``travel_mm`` or ``speed_mm_s`` in orders in tension, in that unit; 0 where the number format sets none."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
-    """A further way to stop a device, tried when it does not obey its stop order.
+class StopMethod:
+    """A further method to stop a device, used when the device does not obey its stop order.
 
     Attributes:
-        says: what it does, for a person.
-        act: does it; raises LinkError if the device did not take it.
+        description: what the method does, for the operator.
+        act: performs it; raises LinkError if the device did not take it.
     """
 
-    says: str
+    description: str
     act: Callable[[], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Stops:
-    """How a part is stopped besides the plain order.
+    """Methods to stop a part in addition to its stop order.
 
     Attributes:
         blind: writes a stop without waiting for an answer, as `semlive.ports.BlindStop.stop_blind`; never raises.
-        ways: further ways, in the order in which they are tried.
+        methods: further methods, in the order in which they are used.
     """
 
     blind: Callable[[], bool]
-    ways: tuple[Way, ...] = ()
+    methods: tuple[StopMethod, ...] = ()
 
 
 @runtime_checkable
 class DevicePart(Part, Protocol):
-    """A part behind a link that can carry orders, or a person who takes them. Methods may raise LinkError unless stated."""
+    """A part that can take orders: a device behind a link, or a person. Methods may raise LinkError unless stated."""
 
     @property
     def manual(self) -> bool:
-        """Whether a person moves it."""
+        """Whether a person moves the load frame."""
         ...
 
     @property
     def book(self) -> OrderBook:
-        """What it can be ordered, and how exactly."""
+        """Orders that the part can take, and how exactly."""
         ...
 
     @property
     def stops(self) -> Stops:
-        """How it is stopped besides the plain order."""
+        """Methods to stop the part in addition to its stop order."""
         ...
 
     def order_changed(self) -> str | None:
-        """How the device's own orders differ from what was given last, as a sentence, or None; asked for before each `read`."""
+        """How the orders in the device differ from the last order, as a message, or None; called before each `read`."""
         ...
 
     def resolution(self) -> tuple[float, float]:
@@ -184,21 +187,21 @@ class DevicePart(Part, Protocol):
 
 @runtime_checkable
 class OrderHolder(Protocol):
-    """A part whose device holds its last order in values that can be read, also after the process that gave the order has ended."""
+    """A part whose device stores its last order in readable values, also after the process that gave the order has ended."""
 
     @property
     def cleared(self) -> bool:
-        """Whether every value of the difference that `DevicePart.order_changed` found last is 0, as after a restart."""
+        """Whether every value of the last difference found by `DevicePart.order_changed` is 0, as after a restart."""
         ...
 
-    def recall(self, what: PartCommand, values: Mapping[str, float]) -> None:
-        """Compare the device from now on with an order that an earlier process gave; sends nothing and never raises."""
+    def recall(self, order: PartCommand, values: Mapping[str, float]) -> None:
+        """Compare the device from now on with an order of an earlier process; sends nothing and never raises."""
         ...
 
 
 class PartFactory(Protocol):
-    """Opens a part."""
+    """Function that opens a part."""
 
     def __call__(self, settings: Mapping[str, object], clock: ClockSource) -> Part:
-        """Raises BadConfig, LinkRefused or LinkError."""
+        """Open the part; raises BadConfig, LinkRefused or LinkError."""
         ...

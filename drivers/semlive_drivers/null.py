@@ -1,4 +1,4 @@
-"""No load frame, no stage: for work in which nothing is pulled, or nothing is moved."""
+"""Replacements for a load frame and a stage, for runs without one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from semlive.ports import ClockSource
 
 
 class NullLoadFrame:
-    """A load of zero that cannot change."""
+    """A load frame whose load is always zero."""
 
     def __init__(self, clock: ClockSource) -> None:
         self._clock = clock
@@ -18,7 +18,7 @@ class NullLoadFrame:
 
     @property
     def identity(self) -> DeviceIdentity:
-        """Nobody: what does not move cannot fail to stop."""
+        """Identity of a load frame that cannot move and therefore always stops."""
         return DeviceIdentity(
             "no load frame",
             simulated=False,
@@ -28,12 +28,12 @@ class NullLoadFrame:
         )
 
     def read(self) -> LoadSample:
-        """Zero."""
+        """A reading of zero load."""
         sequence, self._sequence = self._sequence, self._sequence + 1
         return LoadSample(sequence, self._clock.now_ns(), self._clock.mono_ns(), 0.0, 0.0, MotionState.STOPPED, 0.0)
 
     def ramp_to(self, force_n: float, rate_n_s: float) -> None:
-        """Only to zero.
+        """Accept a ramp to zero only.
 
         Raises:
             LinkError: for any other load.
@@ -43,14 +43,14 @@ class NullLoadFrame:
             raise LinkError(f"there is no load frame to go to {force_n:g} N; choose a driver, or take the loads out of the plan")
 
     def stop(self) -> None:
-        """Nothing moves."""
+        """Do nothing: nothing moves."""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: nothing is open."""
 
 
 class NullStage:
-    """A stage that is at once where it was sent, because nothing is there to be moved."""
+    """A stage that reports each commanded position at once and moves nothing."""
 
     def __init__(self, clock: ClockSource) -> None:
         self._clock = clock
@@ -59,12 +59,12 @@ class NullStage:
 
     @property
     def identity(self) -> DeviceIdentity:
-        """Nobody."""
+        """Identity of a stage that cannot move."""
         return DeviceIdentity("no stage", simulated=False, stop_on_link_loss=StopOnLinkLoss.VERIFIED)
 
     @property
     def kind(self) -> StageKind:
-        """By convention the specimen."""
+        """The specimen, by convention."""
         return StageKind.SPECIMEN
 
     def read(self) -> StageSample:
@@ -74,14 +74,14 @@ class NullStage:
         return StageSample(sequence, self._clock.now_ns(), self._clock.mono_ns(), x_um, y_um, MotionState.STOPPED)
 
     def move_to(self, x_um: float, y_um: float) -> None:
-        """Take note."""
+        """Store the position, um."""
         self._position_um = (x_um, y_um)
 
     def stop(self) -> None:
-        """Nothing moves."""
+        """Do nothing: nothing moves."""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: nothing is open."""
 
 
 def open_load_frame(settings: Mapping[str, object], clock: ClockSource) -> NullLoadFrame:

@@ -1,7 +1,7 @@
-"""One serial line: silence before each request, a deadline for each answer, and a memory of what was never answered.
+"""One serial line: silence before each request, a deadline for each answer, and a history of unanswered requests.
 
-An answer on a serial line carries no number. One that comes after its time would be taken for the answer to the next request, so what
-was not answered is remembered by the line's path for as long as the process lives, also when the line was closed and opened again.
+An answer on a serial line carries no transaction number: a late one would be assigned to the next request. Unanswered requests are
+therefore stored by the path of the line for the life of the process, also when the line is closed and opened again.
 """
 
 from __future__ import annotations
@@ -18,20 +18,22 @@ from semlive.errors import LinkError, LinkRefused
 from semlive_drivers.endpoint_lock import reserve_serial
 
 _BITS = 11
-"""Start, eight data, parity or a second stop, stop: what the standard counts for a character."""
-_FASTEST_SILENCE_S = 1.75e-3
-"""The standard's silence at more than 19,200 baud, where 3.5 characters are shorter than computers can tell."""
-_QUIET_S = 0.02
-_WRITE_S = 0.5
-_LONGEST_NOISE_S = 0.5
+"""Bits of a character by the standard: start, eight data, parity or a second stop, stop."""
+_MIN_SILENCE_S = 1.75e-3
+"""Silence of the standard above 19,200 baud, where 3.5 characters are too short for timers of computers."""
+_SILENT_AFTER_S = 0.02
+"""Time without a byte after which a line is silent."""
+_WRITE_TIMEOUT_S = 0.5
+_MAX_DRAIN_S = 0.5
+"""Longest time in which `SerialPort.drain` discards bytes."""
 
 
 class LineLost(LinkError):
-    """The line itself is gone: pulled out, or closed."""
+    """The line is lost: its adapter was removed, or it is closed."""
 
 
 class SerialSettings(BaseModel):
-    """How a serial line is set; a device's map holds its usual values, the configuration those of this machine."""
+    """Settings of a serial line; the description of a device holds the defaults, the configuration the values of this machine."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -41,44 +43,44 @@ class SerialSettings(BaseModel):
     parity: Literal["none", "even", "odd"] = "none"
     stop_bits: Literal[1, 2] = 1
     silence_s: float = Field(default=0.0, ge=0, le=1)
-    """Least silence before a request; never less than the 3.5 characters of the standard."""
+    """Smallest silence before a request; never less than the 3.5 characters of the standard."""
     echo: bool = False
-    """A two-wire line that hears its own requests."""
+    """True for a two-wire line that receives its own requests."""
     slowest_s: float = Field(default=1.0, gt=0, le=3)
-    """No answer comes later than this, if it comes at all; how long a line of unknown past is listened to before it is believed."""
+    """Longest time to an answer; on a line of unknown history the program waits this long before the first request."""
 
 
 @dataclass(slots=True)
 class LineHistory:
-    """What is known of a line's past.
+    """Unanswered requests of a line.
 
     Attributes:
-        replies_pending: requests without an answer so far, oldest first, by unit.
-        asked_s: monotonic time of the newest of them.
-        first: what to say before anything else when the line is opened again: stops that nobody has confirmed.
+        replies_pending: requests without an answer, oldest first, by unit.
+        request_s: monotonic time of the latest request, s.
+        pending_stops: stops without an answer, which are sent first when the line is opened again.
     """
 
     replies_pending: dict[int, list[bytes]] = field(default_factory=dict)
-    asked_s: float = field(default_factory=time.monotonic)
-    first: list[bytes] = field(default_factory=list)
+    request_s: float = field(default_factory=time.monotonic)
+    pending_stops: list[bytes] = field(default_factory=list)
 
 
-_PASTS: dict[tuple[str, str], LineHistory] = {}
-"""By path and by who is spoken to there: a stop is owed to that device, not to what was plugged in instead."""
+_HISTORIES: dict[tuple[str, str], LineHistory] = {}
+"""Histories by path and device name: a stop is sent again to the same device only, not to one that was connected instead."""
 
 
 class SerialPort:
     """An open line. Not thread-safe: one thread owns it.
 
     Args:
-        settings: of the line.
-        who: is spoken to, as the descriptions call it.
+        settings: settings of the line.
+        device: name of the device on the line, as in its description.
 
     Raises:
-        LinkRefused: if it cannot be opened, or another process uses it.
+        LinkRefused: if the line cannot be opened, or another process uses it.
     """
 
-    def __init__(self, settings: SerialSettings, who: str) -> None:
+    def __init__(self, settings: SerialSettings, device: str) -> None:
         self.settings = settings
         self.where = settings.port
         self._closed = False
@@ -89,30 +91,30 @@ class SerialPort:
             self._endpoint.release()
             raise
         self._byte_s = _BITS / settings.baud
-        character = 3.5 * self._byte_s if settings.baud <= 19_200 else _FASTEST_SILENCE_S
+        character = 3.5 * self._byte_s if settings.baud <= 19_200 else _MIN_SILENCE_S
         self._silence_s = max(character, settings.silence_s)
         self._busy_s = time.monotonic()
-        self.unknown = (settings.port, who) not in _PASTS
-        self.past = _PASTS.setdefault((settings.port, who), LineHistory())
+        self.unknown = (settings.port, device) not in _HISTORIES
+        self.history = _HISTORIES.setdefault((settings.port, device), LineHistory())
 
     def allow_for(self, settings: SerialSettings) -> None:
-        """Another device on the same line, which may need more silence and more patience."""
+        """Adapt silence and waiting time to another device on the same line."""
         silence_s, slowest_s = max(self.settings.silence_s, settings.silence_s), max(self.settings.slowest_s, settings.slowest_s)
         self.settings = self.settings.model_copy(update={"silence_s": silence_s, "slowest_s": slowest_s})
         self._silence_s = max(self._silence_s, silence_s)
 
     def take_bytes_s(self, count: int) -> float:
-        """How long so many bytes take on the wire."""
+        """Time of a number of bytes on the wire, s."""
         return count * self._byte_s
 
     def write(self, data: bytes) -> bool:
-        """Send a request after the silence that it needs.
+        """Send a request after the required silence.
 
         Returns:
-            True if the line was silent before, False if something came unasked (it is thrown away).
+            True if the line was silent before; False if bytes came without a request (they are discarded).
 
         Raises:
-            LinkError: if the line is gone.
+            LinkError: if the line is lost.
         """
         silent = not self.read_until(max(0.0, self._busy_s + self._silence_s - time.monotonic()))
         try:
@@ -120,14 +122,14 @@ class SerialPort:
         except (OSError, serial.SerialException) as error:
             raise self._gone(error) from error
         self._busy_s = time.monotonic() + self.take_bytes_s(len(data))
-        self.past.asked_s = time.monotonic()
+        self.history.request_s = time.monotonic()
         return silent
 
     def read(self, until_s: float) -> bytes:
-        """What has come, as soon as anything has; nothing at `until_s` (monotonic).
+        """Received bytes, as soon as there are any; empty at `until_s` (monotonic time, s).
 
         Raises:
-            LinkError: if the line is gone.
+            LinkError: if the line is lost.
         """
         try:
             if self._closed:
@@ -142,27 +144,27 @@ class SerialPort:
         return data
 
     def read_until(self, seconds: float) -> bytes:
-        """Everything that comes within a time."""
-        end_s, heard = time.monotonic() + seconds, b""
-        while more := self.read(end_s):
-            heard += more
-        return heard
+        """All bytes received within a time, s."""
+        end_s, received = time.monotonic() + seconds, b""
+        while data := self.read(end_s):
+            received += data
+        return received
 
     def drain(self) -> None:
-        """Throw away what comes until nothing comes any more.
+        """Discard received bytes until the line is silent.
 
         Raises:
-            LinkError: if it never ends.
+            LinkError: if it does not become silent.
         """
-        end_s = time.monotonic() + _LONGEST_NOISE_S
-        while self.read_until(_QUIET_S):
+        end_s = time.monotonic() + _MAX_DRAIN_S
+        while self.read_until(_SILENT_AFTER_S):
             if time.monotonic() > end_s:
-                raise LinkError(f"{self.where} does not fall silent; check baud rate, parity and who else speaks on the line")
+                raise LinkError(f"{self.where} does not fall silent; check baud rate, parity and other devices on the line")
 
     def wait_max_reply_time(self) -> None:
-        """Listen until no answer to an earlier request can come any more."""
-        self.read_until(max(0.0, self.past.asked_s + self.settings.slowest_s - time.monotonic()))
-        self.past.replies_pending.clear()
+        """Wait until no answer to an earlier request is possible any more."""
+        self.read_until(max(0.0, self.history.request_s + self.settings.slowest_s - time.monotonic()))
+        self.history.replies_pending.clear()
         self.unknown = False
 
     def close(self) -> None:
@@ -177,14 +179,14 @@ class SerialPort:
 
 
 def _opened(settings: SerialSettings) -> serial.Serial:
-    """The line, exclusively where the system can.
+    """Open a line, with exclusive access where the system supports it.
 
     Raises:
-        LinkRefused: if it cannot be opened or set.
+        LinkRefused: if the line cannot be opened or set.
     """
     parity = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}[settings.parity]
-    # A write does not block for long either: an adapter that hangs takes no bytes, and a stop must not wait for it.
-    times = {"timeout": 0, "write_timeout": _WRITE_S}
+    # A write has a timeout too: an adapter that hangs accepts no bytes, and a stop must not wait for it.
+    times = {"timeout": 0, "write_timeout": _WRITE_TIMEOUT_S}
     try:
         return serial.Serial(settings.port, settings.baud, parity=parity, stopbits=settings.stop_bits, exclusive=True, **times)
     except (OSError, ValueError) as error:

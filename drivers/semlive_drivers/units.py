@@ -1,4 +1,4 @@
-"""Units that devices speak in, as factors to N, mm, s and plain strain."""
+"""Units of devices, as factors to N, mm, s and strain."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ FACTORS = {
     "ustrain": 1e-6,
     "%": 1e-2,
 }
-"""Value in N, mm, s, mm/s, N/s or strain of one of each; kg, g, t and lbF are forces."""
-_WORDS = {name.lower(): name for name in FACTORS} | {"lb": "lbF", "lbs": "lbF", "kgf": "kg", "gf": "g", "newton": "N", "inch": "in"}
+"""N, mm, s, mm/s, N/s or strain of one unit; kg, g, t and lbF are forces."""
+_ALIASES = {name.lower(): name for name in FACTORS} | {"lb": "lbF", "lbs": "lbF", "kgf": "kg", "gf": "g", "newton": "N", "inch": "in"}
 
 
 def factor(unit: str, where: str) -> float:
-    """Value of one of a unit.
+    """N, mm, s, mm/s, N/s or strain of one unit.
 
     Args:
-        unit: its name; of mN and MN only the first is known, case counts where both could be meant.
-        where: what to call the place in an error.
+        unit: name of the unit. Letter case counts only where two units differ by it; mN is known, MN is not.
+        where: name of the setting in an error.
 
     Raises:
-        BadConfig: if it is unknown.
+        BadConfig: if the unit is unknown.
     """
-    name = unit if unit in FACTORS else _WORDS.get(unit.lower(), "")
+    name = unit if unit in FACTORS else _ALIASES.get(unit.lower(), "")
     if not name:
         raise BadConfig(f"{where}: unit {unit!r} is not known; it may be {', '.join(FACTORS)}")
     return FACTORS[name]
@@ -52,11 +52,11 @@ _SPELLINGS = {"µm": "um", "μm": "um", "micron": "um", "µe": "ustrain", "µstr
 
 
 def unit_named(text: str) -> str:
-    """The unit that a file's head names, as in `FACTORS`; empty if it is none of these, or could be two."""
+    """The unit in the head of a file, as in `FACTORS`; empty if it is unknown or ambiguous."""
     if text in FACTORS:
         return text
     lower = text.casefold()
     # MN is not mN, and a capital M, G or T is no metre, gram or tonne.
     if lower == "mn" or len(text) == 1:
         return "N" if text == "n" else ""
-    return _SPELLINGS.get(lower, _WORDS.get(lower, ""))
+    return _SPELLINGS.get(lower, _ALIASES.get(lower, ""))

@@ -1,7 +1,7 @@
 """The bench: virtual SEM, load frame and specimen stage in one process.
 
-It listens on Modbus TCP, publishes experiment time in ``clock.json``, then says what it is in ``ready.json``, exports images
-into ``export/`` and keeps ``truth.json``, which nothing but a score may read.
+It listens on Modbus TCP, publishes experiment time in ``clock.json``, then its addresses in ``ready.json``, exports images into
+``export/`` and writes ``truth.json``, which only a score may read.
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ from semlive_simulators.specimen.specimen import at_rest
 from semlive_simulators.truth import TruthRecorder, frame_truth
 
 TICK_S = 0.02
-MOST_RATE = 40.0
-"""At 40 a frame of 94.67 s takes 2.4 s of wall time; its correlation takes a daemon beside us about 1 s."""
-_SHARE = 0.5
-"""Part of its time that the scanning thread may work; the rest is for neighbours and a busy computer."""
+MAX_RATE = 40.0
+"""Largest automatic rate: a frame of 94.67 s then takes 2.4 s of wall time, and its correlation in a daemon about 1 s."""
+_MAX_LOAD = 0.5
+"""Largest fraction of its time in which the scanning thread works; the rest is for other processes."""
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Replace a file so that a reader sees all of the old or all of the new."""
+    """Replace a file so that a reader gets the complete old or the complete new content."""
     working = path.with_name(path.name + ".new")
     working.write_bytes(data)
     for _ in range(100):
         with contextlib.suppress(PermissionError):
             os.replace(working, path)
             return
-        time.sleep(0.002)  # Windows refuses while somebody reads the old one
+        time.sleep(0.002)  # Windows refuses while another process reads the old file
     os.replace(working, path)
 
 
 class Bench:
-    """All parts wired together."""
+    """The parts of the bench and their connections."""
 
     def __init__(
         self, scenario: Scenario, out: Path, rate: float | None, port: int, triggered: bool, lines: frozenset[str] = frozenset()
@@ -86,9 +86,9 @@ class Bench:
         self.stop()
 
     def stop(self) -> None:
-        """Ask the bench to end; from any thread, and in a signal handler.
+        """Request the end of the bench; from any thread, and in a signal handler.
 
-        There an event cannot be set: a signal that comes while this thread waits for the same event finds the event's lock taken, for good.
+        A signal handler cannot set an event: if its thread waits for the same event, the lock of the event is held and never released.
         """
         self._stopped = True
 
@@ -111,9 +111,9 @@ class Bench:
         ready, stand = self._ready(port), None
         if "rtu" in self._lines:
             ready["rtu_stage_unit"] = STAGE_UNIT
-            ready["rtu_port"] = stack.enter_context(rtu_line(port, UNIT, self._registers.troubles))
+            ready["rtu_port"] = stack.enter_context(rtu_line(port, UNIT, self._registers.line_faults))
         if "serial" in self._lines:
-            ready["serial_port"], stand = stack.enter_context(ascii_line(self._machine, self._clock.now_ns, self._registers.troubles))
+            ready["serial_port"], stand = stack.enter_context(ascii_line(self._machine, self._clock.now_ns, self._registers.line_faults))
         self._clock.begin()
         self._write_truth()
         write_atomically(self._out / "ready.json", (json.dumps(ready, indent=2) + "\n").encode())
@@ -157,37 +157,37 @@ class Bench:
 
 
 def _warm_up(scenario: Scenario) -> None:
-    """Compile or load the kernels, and use what is slow the first time, before the clock starts."""
+    """Compile or load the kernels, and run code that is slow the first time, before the clock starts."""
     column = scenario.column()
     exposure = Exposure(column, 0, 0.0)
-    for one in row_passes(column):
-        if one.first_row == 0:  # every visit of a band: what begins later, and what makes grey levels of them all
-            exposure.expose(one, at_rest())
+    for row_pass in row_passes(column):
+        if row_pass.first_row == 0:  # every visit of one band, including the last one, which digitises
+            exposure.expose(row_pass, at_rest())
     image = np.zeros((scenario.scan.height_px, scenario.scan.width_px), dtype=scenario.detector.dtype)
     scenario.export.encode(image, ImageMetadata(scenario.scan, 0, 0.0, 0.0, 0))
     gaussian(scenario.seed, 0, 0)
-    # A full collection over what compiler and libraries left behind takes some 50 ms: 2 s of experiment time at rate 40.
+    # A full garbage collection after compiler and imports takes about 50 ms: 2 s of experiment time at rate 40.
     gc.collect()
     gc.freeze()
     sys.setswitchinterval(5e-4)
 
 
 def _sustainable_rate(scenario: Scenario) -> float:
-    """The largest rate, up to `MOST_RATE`, at which this computer renders frames as they are scanned; to be called warm."""
+    """The largest rate, up to `MAX_RATE`, at which this computer renders frames as they are scanned; after `_warm_up`."""
     column = scenario.column()
-    work = row_passes(column)
-    exposure, pieces = Exposure(column, 0, 0.0), work[len(work) // 2 : len(work) // 2 + 4]
+    passes = row_passes(column)
+    exposure, sample = Exposure(column, 0, 0.0), passes[len(passes) // 2 : len(passes) // 2 + 4]
     seconds = []
     for _ in range(5):
         begin_s = time.perf_counter()
-        for one in pieces:
-            exposure.expose(one, at_rest())
-        seconds.append((time.perf_counter() - begin_s) / len(pieces))
-    return min(MOST_RATE, round(_SHARE * column.duration_s / (statistics.median(seconds) * len(work)), 1) or 0.1)
+        for row_pass in sample:
+            exposure.expose(row_pass, at_rest())
+        seconds.append((time.perf_counter() - begin_s) / len(sample))
+    return min(MAX_RATE, round(_MAX_LOAD * column.duration_s / (statistics.median(seconds) * len(passes)), 1) or 0.1)
 
 
 def _stop_at_end_of_input(bench: Bench) -> None:
-    # Not through sys.stdin: a thread that waits in its buffer holds a lock that the interpreter wants when it ends.
+    # Not through sys.stdin: a thread that waits in its buffer holds a lock that the interpreter needs at exit.
     with contextlib.suppress(OSError):
         while os.read(0, 4096):
             pass
@@ -205,7 +205,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rate", type=_rate, default=1.0, help="experiment seconds per wall second, or auto: as fast as frames render")
     parser.add_argument("--port", type=int, default=0, help="TCP port on 127.0.0.1; 0 takes a free one")
     parser.add_argument("--mode", choices=("continuous", "triggered"), default="continuous")
-    parser.add_argument("--seed", type=int, default=None, help="in place of the scenario's own")
+    parser.add_argument("--seed", type=int, default=None, help="replaces the seed of the scenario")
     parser.add_argument("--rtu", action="store_true", help="serve the registers as Modbus RTU too, over a pseudo-terminal")
     parser.add_argument("--serial", action="store_true", help="serve the load frame as a serial test stand too, over a pseudo-terminal")
     parser.add_argument("--exit-with-stdin", action="store_true", help="end when standard input is closed")
@@ -213,7 +213,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the bench until SIGINT or SIGTERM; exit code 0, 1 for a failure on the way, 2 for bad input."""
+    """Run the bench until SIGINT or SIGTERM; exit code 0, 1 for a failure during the run, 2 for bad input."""
     options = _parser().parse_args(argv)
     if options.rate is not None and not 0 < options.rate < float("inf"):
         sys.stderr.write(f"bench: --rate must be auto or a number > 0, not {options.rate}\n")

@@ -1,4 +1,4 @@
-"""The bench's clock: it publishes experiment time and stretches it when the simulation cannot keep up."""
+"""The clock of the bench: publishes experiment time, and stretches it when the simulation is too slow."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from collections.abc import Callable
 from semlive.data.clock import Clock
 
 STRETCH_AFTER_S = 1.0
-"""Experiment seconds that a piece of work may be late before the clock is stretched for everybody."""
+"""Largest delay of a piece of work, experiment seconds, before the clock is stretched."""
 
 
 class BenchClock:
     """Experiment time for the bench's threads.
 
-    Work is announced with `register_work` and reported with `done`; what is overdue in between is the lag.
+    Work is announced with `register_work` and reported with `done`; the lag is the delay of overdue work.
     """
 
     def __init__(self, rate: float, publish: Callable[[Clock], None]) -> None:
@@ -30,7 +30,7 @@ class BenchClock:
         self.start_ns = self._clock.utc0_ns
 
     def begin(self) -> None:
-        """Let time pass from `start_ns` on, and publish the line; until then it stands still."""
+        """Start time at `start_ns`, and publish the clock; before this call time does not advance."""
         with self._lock:
             self._clock = Clock(self.start_ns, time.monotonic_ns(), self._clock.rate)
             self._running = True
@@ -38,47 +38,47 @@ class BenchClock:
 
     @property
     def stretches(self) -> int:
-        """How often the clock was stretched."""
+        """Number of stretches of the clock."""
         return self._clock.revision
 
     @property
     def worst_lag_s(self) -> float:
-        """The latest that any work was done after it was due, experiment seconds."""
+        """Largest delay of any work, experiment seconds."""
         return self._worst_lag_s
 
     def now_ns(self) -> int:
-        """Experiment time, UTC ns; stands still after a stretch until the line has caught up."""
+        """Experiment time, UTC ns; after a stretch it does not advance until the clock has reached it."""
         with self._lock:
             return self._now()
 
     def _now(self) -> int:
-        line_ns = self._clock.time_ns(time.monotonic_ns()) if self._running else self.start_ns
-        self._latest_ns = max(self._latest_ns, line_ns)
+        clock_ns = self._clock.time_ns(time.monotonic_ns()) if self._running else self.start_ns
+        self._latest_ns = max(self._latest_ns, clock_ns)
         return self._latest_ns
 
     def lag_s(self) -> float:
-        """How far the simulation is behind this clock now, experiment seconds."""
+        """Present delay of the simulation, experiment seconds."""
         with self._lock:
             now = self._clock.time_ns(time.monotonic_ns())
             return max(0, max((now - due_ns for due_ns in self._due.values()), default=0)) * 1e-9
 
     def wait_until(self, time_ns: int, stop: threading.Event) -> bool:
-        """Sleep until an experiment time; False if told to stop meanwhile."""
+        """Sleep until an experiment time; False if `stop` is set before."""
         while not stop.is_set():
             with self._lock:
-                left_s = (self._clock.mono_ns(time_ns) - time.monotonic_ns()) * 1e-9
-            if left_s <= 0:
+                remaining_s = (self._clock.mono_ns(time_ns) - time.monotonic_ns()) * 1e-9
+            if remaining_s <= 0:
                 return True
-            stop.wait(left_s)
+            stop.wait(remaining_s)
         return False
 
     def register_work(self, work: str, due_ns: int) -> None:
-        """Announce work that ought to be finished soon after `due_ns`."""
+        """Announce work that is due at `due_ns`."""
         with self._lock:
             self._due[work] = due_ns
 
     def done(self, work: str) -> None:
-        """Report announced work; stretches the clock for everybody if it is too late."""
+        """Report announced work as done; stretches the clock if the work is too late."""
         with self._lock:
             due_ns = self._due.pop(work)
             late_ns = self._clock.time_ns(time.monotonic_ns()) - due_ns

@@ -1,4 +1,4 @@
-"""Scenarios: everything that is true in a simulated experiment, read from YAML."""
+"""Scenarios: the true parameters of a simulated experiment, read from YAML."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FOLDER = Path(__file__).parent / "scenarios"
 
 
 class BadScenario(Exception):
-    """A scenario is missing or wrong; the message says what, where and what to do."""
+    """A scenario is missing or not valid; the message states the problem, its place and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,24 +37,24 @@ class Scenario:
     """A simulated experiment.
 
     Attributes:
-        name: of the scenario.
-        seed: of everything random but the speckle.
-        first_scan_s: when the first scan begins, seconds after the run.
+        name: name of the scenario.
+        seed: seed of all random numbers except those of the speckle pattern.
+        first_scan_s: start of the first scan, seconds since the run began.
         scan: the raster.
-        speckle: the pattern.
-        specimen: what carries it.
+        speckle: the speckle pattern.
+        specimen: the specimen.
         detector: noise and grey levels; its seed is set from `seed`.
         drift: true drift.
         distortion: true distortion.
-        load_frame: the machine.
+        load_frame: the load frame.
         stage: the stage.
-        export: how files are written.
-        experiment: a fragment of the daemon's configuration, handed on as it is.
-        strain_gage: on the specimen.
-        beam_shift: the column's own way to move the picture.
-        shifts_by: which of the two a played experiment uses for its shifts.
-        faults: what goes wrong with the load frame, and when.
-        effects: whatever else is wrong, by name (`semlive_simulators.effects.library`); nothing by default.
+        export: settings of the exported files.
+        experiment: a part of the configuration of the daemon, passed on without changes.
+        strain_gage: strain gage on the specimen.
+        beam_shift: beam shift of the column.
+        shifts_by: actuator that a played experiment uses for its shifts.
+        faults: faults of the load frame and its lines.
+        effects: further effects by name (`semlive_simulators.effects.library`); none by default.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -79,38 +79,38 @@ class Scenario:
     effects: Annotated[InstanceOf[EffectSet], BeforeValidator(build_effects)] = field(default_factory=EffectSet)
 
     def column(self) -> Column:
-        """The column of this scenario."""
+        """The column of the scenario."""
         return build_column(self.scan, self.detector, self.speckle, self.drift, self.distortion, self.effects)
 
     @property
     def gaged(self) -> bool:
-        """Whether the experiment reads the strain gage; it is on the specimen either way."""
+        """Whether the experiment reads the strain gage."""
         machine = self.experiment.get("load_frame")
         return isinstance(machine, dict) and bool(machine.get("strain_gage", False))
 
     @property
     def frame_duration_s(self) -> float:
-        """From the start of a frame until all its rows are truly done, at least as long as the scan should take."""
+        """True duration of a frame, s, but not less than the nominal duration of the scan."""
         return max(self.scan.duration_s, self.effects.timing(self.scan).end_s)
 
-    def told_ns(self, time_ns: int, run_start_ns: int) -> int:
-        """What the microscope's PC takes an instant for, UTC ns; `run_start_ns` is when the run began."""
+    def stamp_ns(self, time_ns: int, run_start_ns: int) -> int:
+        """Time of an instant on the clock of the microscope PC, UTC ns; `run_start_ns` is the start of the run."""
         since_start_s = (time_ns - run_start_ns) * 1e-9
-        wrong_s = self.effects.readings().stamp_s(since_start_s) - since_start_s
-        return time_ns + round(self.export.clock_offset_s * 1e9) + round(wrong_s * 1e9)
+        error_s = self.effects.readings().stamp_s(since_start_s) - since_start_s
+        return time_ns + round(self.export.clock_offset_s * 1e9) + round(error_s * 1e9)
 
 
 def load_scenario(name: str, seed: int | None = None) -> Scenario:
     """Read a scenario by its name, or from a YAML file by its path.
 
-    A file may say ``extends: NAME`` and then only what differs; mappings are merged, everything else is replaced.
+    A file may contain ``extends: NAME`` and only the differences; mappings are merged, all other values are replaced.
 
     Args:
         name: ``paper_x200``, or a path that ends in ``.yaml``.
-        seed: used in place of the scenario's own.
+        seed: replaces the seed of the scenario; None does not.
 
     Raises:
-        BadScenario: it does not exist or says something that is not understood.
+        BadScenario: if it does not exist or is not valid.
     """
     fields = _read(name)
     if seed is not None:
@@ -121,12 +121,12 @@ def load_scenario(name: str, seed: int | None = None) -> Scenario:
         return TypeAdapter(Scenario).validate_python(fields)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise BadScenario(f"scenario {name}: {place}: {first['msg']}; correct it") from error
+        key = ".".join(str(part) for part in first["loc"])
+        raise BadScenario(f"scenario {name}: {key}: {first['msg']}; correct it") from error
 
 
 def names() -> list[str]:
-    """The scenarios that come along."""
+    """Names of the bundled scenarios."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
@@ -147,7 +147,7 @@ def _read(name: str, depth: int = 0) -> dict[str, Any]:
     if base is None:
         return fields
     if depth > 4:
-        raise BadScenario(f"scenario {name} extends too many others; correct {path.name}")
+        raise BadScenario(f"scenario {name} extends too many scenarios; correct {path.name}")
     return _merged(_read(str(base), depth + 1), fields)
 
 

@@ -1,9 +1,8 @@
-"""A whole experiment without a daemon: the scenario's own protocol, played in experiment time as fast as it renders.
+"""A complete experiment without a daemon: the protocol of the scenario in experiment time, as fast as frames are rendered.
 
-Writes ``export/`` as the instrument would leave it, ``truth.json`` as the bench does, and ``frames.csv``, which says what each
-frame was for, and what the strain gage said if the experiment reads one. What exists only while time passes (half-written
-files, late sidecars) is left to the bench, and so is a counter that begins again: nobody would fetch the files before they are
-overwritten.
+Writes ``export/`` as the instrument does, ``truth.json`` as the bench does, and ``frames.csv`` with the purpose of each frame, and with
+the strain gage if the experiment reads one. Transient states (partly written files, late sidecars) are simulated by the bench only. A
+counter that restarts is too, because files would be overwritten before they are read.
 """
 
 from __future__ import annotations
@@ -32,37 +31,37 @@ COLUMNS = (
 GAGE_COLUMN = "gage_strain"
 
 
-def simulate(scenario: Scenario, out: Path, wanted: frozenset[int] | None) -> Iterator[tuple[ScannedFrame, int]]:
+def simulate(scenario: Scenario, out: Path, frames: frozenset[int] | None) -> Iterator[tuple[ScannedFrame, int]]:
     """Play the experiment and write its files.
 
     Args:
-        scenario: what is simulated.
+        scenario: the simulated experiment.
         out: an empty or new folder.
-        wanted: numbers of the frames to render and to write; None is all. What happens between frames does not depend on it.
+        frames: numbers of the frames to render and to write; None is all. The experiment does not depend on it.
 
     Yields:
-        Each frame that was written, and how many there will be.
+        Each frame that was written, and the total number of frames.
 
     Raises:
-        BadScenario: its experiment cannot be played.
-        OSError: the folder cannot be written.
+        BadScenario: if the experiment cannot be played.
+        OSError: if the folder cannot be written.
     """
     export = replace(scenario.export, style=WriteStyle.DIRECT, counter_restarts_after=0, never_finished=())
     player = ProtocolPlayer(scenario)
-    beyond = sorted(frame for frame in wanted or () if frame >= player.frames)
+    beyond = sorted(frame for frame in frames or () if frame >= player.frames)
     if beyond:
         raise BadScenario(f"there is no frame {beyond[0]}; scenario {scenario.name} has frames 0-{player.frames - 1}")
-    total = player.frames if wanted is None else len(wanted)
+    total = player.frames if frames is None else len(frames)
     (out / "export").mkdir(parents=True, exist_ok=True)
     truth, rows, column = TruthRecorder(scenario, START_NS), [], scenario.column()
     for shot in player.play():
-        if wanted is not None and shot.frame not in wanted:
+        if frames is not None and shot.frame not in frames:
             continue
         name = export.file_name(shot.frame)
         image = render_frame(scenario, shot.start_s, shot.window.motion, shot.frame, column)
-        told_ns = scenario.told_ns(shot.end_ns, START_NS)
+        stamp_ns = scenario.stamp_ns(shot.end_ns, START_NS)
         facts = ImageMetadata(
-            scenario.scan, told_ns, shot.encoder_x_um, shot.encoder_y_um, shot.frame, name, shot.beam_x_um, shot.beam_y_um
+            scenario.scan, stamp_ns, shot.encoder_x_um, shot.encoder_y_um, shot.frame, name, shot.beam_x_um, shot.beam_y_um
         )
         for plan in plan_files(export.encode(image, facts), name, export):
             write_file(plan, out / "export", shot.end_ns, lambda _: contextlib.nullcontext())
@@ -97,7 +96,7 @@ def frame_numbers(text: str) -> frozenset[int]:
     """Numbers from ``0-3,8``.
 
     Raises:
-        ValueError: it is not such a list.
+        ValueError: if the text is not such a list.
     """
     numbers: set[int] = set()
     for part in text.split(","):
@@ -113,24 +112,24 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="frames", description="Frames and truth of a simulated experiment.")
     parser.add_argument("--scenario", default="paper_x200", help="name of a scenario, or a path ending in .yaml")
     parser.add_argument("--out", type=Path, required=True, help="folder for export/, truth.json and frames.csv; new or empty")
-    parser.add_argument("--seed", type=int, default=None, help="in place of the scenario's own")
+    parser.add_argument("--seed", type=int, default=None, help="replaces the seed of the scenario")
     parser.add_argument("--frames", default=None, help="only these frames, counted from 0: 0-3,8")
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write frames and truth; exit code 0, 2 for bad input. Says ``FRAME DONE TOTAL`` for each frame on standard output."""
+    """Write frames and truth; exit code 0, 2 for bad input. Prints ``FRAME DONE TOTAL`` for each frame on standard output."""
     options = _parser().parse_args(argv)
     out: Path = options.out.resolve()
     try:
-        wanted = None if options.frames is None else frame_numbers(options.frames)
+        frames = None if options.frames is None else frame_numbers(options.frames)
     except ValueError:
         return _refused(f"--frames {options.frames}: is no list of frame numbers; write it as 0-3,8")
     try:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             return _refused(f"{options.out}: is not empty; give a new folder")
         scenario = load_scenario(options.scenario, options.seed)
-        for done, (shot, total) in enumerate(simulate(scenario, out, wanted), 1):
+        for done, (shot, total) in enumerate(simulate(scenario, out, frames), 1):
             sys.stdout.write(f"{shot.frame} {done} {total}\n")
             sys.stdout.flush()
     except BadScenario as error:

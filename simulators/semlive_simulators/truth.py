@@ -1,4 +1,4 @@
-"""What was true: kept while the bench runs, written for whoever scores the measurement."""
+"""The true values of a run, collected while the bench runs and written for the score of the measurement."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def frame_truth(
     """The truth of one frame.
 
     Args:
-        scenario: what is simulated.
+        scenario: the simulated experiment.
         file: name of the exported file.
-        start_time_ns: when the scan began, UTC ns.
-        start_s: the same in seconds since the run began.
-        motion: of the specimen during the scan.
-        load_mean_n: mean true load.
-        moving: whether anything was driven during the scan.
+        start_time_ns: start of the scan, UTC ns.
+        start_s: start of the scan, seconds since the run began.
+        motion: motion of the specimen during the scan.
+        load_mean_n: mean true load, N.
+        moving: whether load frame, stage or beam shift moved during the scan.
 
     Returns:
-        What goes into the file. ``strain`` is the mean over the frame; if strain is not the same everywhere, ``field`` holds
-        displacement and strain at points about 50 px apart, in material coordinates.
+        The JSON object of the frame. ``strain`` is the mean over the frame; if the strain is not uniform, ``field`` holds displacement
+        and strain at points about 50 px apart, in material coordinates.
     """
     middle_s = np.array([start_s + 0.5 * scenario.frame_duration_s])
     middle = scenario.effects.moved(Instants(middle_s, start_s, 0, scenario.scan, motion))
@@ -62,21 +62,21 @@ def frame_truth(
 
 
 def distortion_truth(scenario: Scenario) -> dict[str, Any]:
-    """True distortion on a grid of about 25 px that includes the frame's edges."""
+    """True distortion on a grid of about 25 px that includes the edges of the frame."""
     scan = scenario.scan
     x_px = np.linspace(0, scan.width_px - 1, max(2, round(scan.width_px / GRID_PX) + 1))
     y_px = np.linspace(0, scan.height_px - 1, max(2, round(scan.height_px / GRID_PX) + 1))
-    bend = scenario.distortion.at(*np.meshgrid(x_px, y_px), scan.width_px, scan.height_px)
-    return {"x_px": x_px.tolist(), "y_px": y_px.tolist(), "ex_px": bend[..., 0].tolist(), "ey_px": bend[..., 1].tolist()}
+    offset_px = scenario.distortion.at(*np.meshgrid(x_px, y_px), scan.width_px, scan.height_px)
+    return {"x_px": x_px.tolist(), "y_px": y_px.tolist(), "ex_px": offset_px[..., 0].tolist(), "ey_px": offset_px[..., 1].tolist()}
 
 
 def drift_truth(scenario: Scenario, start_ns: int, now_ns: int, history: History = EMPTY_HISTORY) -> dict[str, Any]:
-    """True drift every 5 s from the start of the run up to now; jumps are not in it."""
+    """True drift every 5 s from the start of the run up to now, without jumps."""
     count = max(0, int((now_ns - start_ns) * 1e-9 / DRIFT_EVERY_S)) + 2
     time_s = np.asarray(np.arange(count) * DRIFT_EVERY_S, dtype=np.float64)
     drift = scenario.drift.at(time_s)
-    more = scenario.effects.drift_px(Instants(time_s, 0.0, 0, scenario.scan, at_rest(history=history)))
-    drift = drift if more is None else drift + more
+    effect_drift = scenario.effects.drift_px(Instants(time_s, 0.0, 0, scenario.scan, at_rest(history=history)))
+    drift = drift if effect_drift is None else drift + effect_drift
     step_ns = round(DRIFT_EVERY_S * 1e9)
     return {
         "time_ns": [start_ns + index * step_ns for index in range(count)],
@@ -86,7 +86,7 @@ def drift_truth(scenario: Scenario, start_ns: int, now_ns: int, history: History
 
 
 class TruthRecorder:
-    """Collects frames; gives the whole truth as JSON."""
+    """Collects the truth of frames, and encodes it as JSON."""
 
     def __init__(self, scenario: Scenario, start_ns: int) -> None:
         self._scenario = scenario
@@ -96,12 +96,12 @@ class TruthRecorder:
         self._distortion = json.dumps(distortion_truth(scenario))
 
     def add_frame(self, frame: dict[str, Any], history: History) -> None:
-        """Keep the truth of a frame, and what had been done to the specimen by then."""
+        """Store the truth of a frame, and the history of the specimen up to it."""
         self._history = history
         self._frames.append(json.dumps(frame))
 
     def encode(self, now_ns: int, clock_stretches: int, worst_lag_s: float) -> bytes:
-        """Everything so far."""
+        """The truth up to now as JSON."""
         scenario = self._scenario
         head = {
             "version": 1,

@@ -1,13 +1,13 @@
-"""The campaign against load frames that misbehave: the real daemon beside an independent frame and a second one.
+"""The campaign with faulty load frames: the daemon with an independent frame and a second one.
 
     python tests/benchmarks/bench_peer_frame.py [--write] [--short] [--only NAME ...] [--healthy N] [--jobs 2] [--peers DIR] [--found FILE]
 
-The independent frame is built from DIR/frame.c (by default `../shared/peers` beside the repository; needs gcc and libmodbus); the second
+The independent frame is built from DIR/frame.c (by default `../shared/peers` next to the repository; needs gcc and libmodbus); the second
 frame is a program of tests/benchmarks/peer_frame. Each scenario is a run of `semlive run CONFIG --attended` with an operator's terminal and
-exported frames; the device's own record tells true force, orders and stops. NAME is a scenario or the begin of some; `--list` shows all.
-One line a scenario; `--write` writes docs/validation/load-frame-safety.md. What was observed is added to FILE, and what
-stands there is judged without being run again, so the campaign can be broken off and taken up. The exit status is 1 if a scenario or a
-bar failed.
+exported frames; the record of the device contains true force, orders and stops. NAME is a scenario or the beginning of several names;
+`--list` shows all. Each scenario prints one line; `--write` writes docs/validation/load-frame-safety.md. Observations are added to FILE;
+scenarios in FILE are judged without being run again, so the campaign can be interrupted and continued. The exit status is 1 if a scenario
+or a bar failed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from peer_frame.verdict import figures
 
 
 def main() -> int:
-    """Run what is asked for."""
+    """Run the requested scenarios."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help="write docs/validation/load-frame-safety.md")
     parser.add_argument("--short", action="store_true", help="only the scenarios that the tests run, and 3 healthy runs")

@@ -24,10 +24,10 @@ from pymodbus.client import ModbusSerialClient
 from pymodbus.exceptions import ModbusException
 
 from semlive.errors import LinkError
-from semlive_drivers.modbus.client import RtuLink
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.rtu.line import RtuLine
+from semlive_drivers.modbus.rtu.link import RtuLink
 from semlive_drivers.serial_port import SerialSettings
 
 TIMEOUT_S = 0.04

@@ -34,15 +34,15 @@ POLL_S = 0.05
 _FRAME = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
-from stand import Stand, TcpDoor
+from stand import Stand, TcpPort
 stand = Stand()
-door = TcpDoor(stand)
+door = TcpPort(stand)
 print(door.port, flush=True)
-told = [0.0]
+first_reading_s = [0.0]
 def answer(pdu, real=stand.answer):
     reply = real(pdu)
-    if told[0] == 0.0 and pdu[0] == 4 and int.from_bytes(pdu[1:3]) <= 4 and stand.tell(0.0) > 900:
-        told[0] = time.monotonic()
+    if first_reading_s[0] == 0.0 and pdu[0] == 4 and int.from_bytes(pdu[1:3]) <= 4 and stand.sensor(0.0) > 900:
+        first_reading_s[0] = time.monotonic()
     return reply
 stand.answer = answer
 stopped = []
@@ -51,19 +51,19 @@ def halt(why, real=stand.halt):
     real(why)
 stand.halt = halt
 for line in sys.stdin:
-    told[0] = 0.0
+    first_reading_s[0] = 0.0
     stand.force_n = 0.0
-    stand.tell = lambda force_n: force_n
+    stand.sensor = lambda force_n: force_n
     stand.move(800.0, 1.0)
     time.sleep(float(line))
     stopped.clear()
     began = time.monotonic()
-    stand.tell = lambda force_n: 1000.0
-    while not (told[0] and stopped and stopped[-1] >= told[0]) and time.monotonic() < began + 5.0:
+    stand.sensor = lambda force_n: 1000.0
+    while not (first_reading_s[0] and stopped and stopped[-1] >= first_reading_s[0]) and time.monotonic() < began + 5.0:
         time.sleep(0.0005)
-    after = [at_s for at_s in stopped if told[0] and at_s >= told[0]]
-    print(*(after[0] - told[0], after[0] - began) if after else (-1.0, -1.0), flush=True)
-    stand.tell = lambda force_n: force_n
+    after = [at_s for at_s in stopped if first_reading_s[0] and at_s >= first_reading_s[0]]
+    print(*(after[0] - first_reading_s[0], after[0] - began) if after else (-1.0, -1.0), flush=True)
+    stand.sensor = lambda force_n: force_n
     time.sleep(0.3)
 """
 

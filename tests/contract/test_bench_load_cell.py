@@ -44,8 +44,8 @@ def served(tmp_path: Path) -> Iterator[tuple[ModbusTcpClient, ModbusSerialClient
     port = server.start()
     clock.begin()
     with (
-        rtu_line(port, UNIT, registers.troubles) as rtu,
-        ascii_line(machine, clock.now_ns, registers.troubles) as (letters, _),
+        rtu_line(port, UNIT, registers.line_faults) as rtu,
+        ascii_line(machine, clock.now_ns, registers.line_faults) as (letters, _),
         contextlib.closing(ModbusTcpClient("127.0.0.1", port=port, timeout=20, retries=0)) as tcp,
         contextlib.closing(ModbusSerialClient(rtu, baudrate=19_200, timeout=20, retries=0)) as serial,
     ):

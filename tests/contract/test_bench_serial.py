@@ -50,7 +50,7 @@ def lines(tmp_path: Path) -> Iterator[Lines]:
     server = ModbusThread(registers, 0)
     port = server.start()
     clock.begin()
-    troubles = registers.troubles
+    troubles = registers.line_faults
     with rtu_line(port, UNIT, troubles) as rtu, ascii_line(machine, clock.now_ns, troubles) as (serial, stand):
         yield Lines(rtu, serial, stand, machine)
     server.stop()

@@ -80,7 +80,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Troubled]:
     server = ModbusThread(registers, 0)
     port = server.start()
     clock.begin()
-    troubles = registers.troubles
+    troubles = registers.line_faults
     machine.read(clock.now_ns())  # what is slow the first time
     control = ModbusTcpClient("127.0.0.1", port=port, timeout=20, retries=0)
     assert control.connect()
@@ -241,11 +241,11 @@ def test_a_scenario_plans_trouble_for_a_while(tmp_path: Path) -> None:
     machine = LoadTrain(scenario, clock.start_ns)
     sem = Sem(scenario, clock, machine, tmp_path, True, lambda _: None, lambda _: None)
     registers = BenchRegisters(scenario, clock, machine, sem)
-    troubles, now = registers.troubles, clock.start_ns
+    troubles, now = registers.line_faults, clock.start_ns
 
     def what(line: Line) -> LineFault | None:
         found = troubles.take(line, troubles.mark())
-        return found.trouble if found else None
+        return found.kind if found else None
 
     seen: list[tuple[LineFault | None, LineFault | None]] = []
     clock.now_ns = lambda: now  # type: ignore[method-assign]

@@ -32,7 +32,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, str]]
     server = ModbusThread(registers, 0)
     port = server.start()
     clock.begin()
-    with rtu_line(port, UNIT, registers.troubles) as path:
+    with rtu_line(port, UNIT, registers.line_faults) as path:
         yield port, path
     server.stop()
 
@@ -65,7 +65,7 @@ def test_a_look_at_the_bench_finds_it_sound_and_writes_nothing(bench: tuple[int,
     said = {finding["what"]: finding for finding in found["findings"]}
     assert said["identity"]["said"] == "0x5e31"
     assert said["order of words"]["verdict"] == "good"
-    assert said["counter goes on"]["verdict"] == "good"
+    assert said["counter counts"]["verdict"] == "good"
     with ModbusTcpClient("127.0.0.1", port=port) as client:
         assert client.read_holding_registers(0, count=8, device_id=UNIT).registers == [0] * 8
 
@@ -83,7 +83,7 @@ def test_another_device_is_told_in_a_table_and_by_the_exit_code(bench: tuple[int
     ("arguments", "sentence"),
     [
         (["laumas"], "no device description is called 'laumas'; there are bench"),
-        (["bench", "--port", "1"], "nobody answers at 127.0.0.1:1; check that the device is on"),
+        (["bench", "--port", "1"], "no device answers at 127.0.0.1:1; check that the device is on"),
         (["bench", "--port", "ttyNone"], "ttyNone cannot be opened"),
     ],
 )

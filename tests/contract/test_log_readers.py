@@ -13,9 +13,9 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from semlive.data.displacement import Displacement
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.displacement import Displacement
 from semlive.data.drift import DistortionField, DriftEstimate, EstimateRevision
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import Frame, FrameInfo

@@ -1,4 +1,4 @@
-"""What tests have in common: a clock that is moved by hand, images, and whether a process lives."""
+"""Helpers of several tests: a clock that the test sets, images, and whether a process runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import tifffile
 
 @dataclass
 class HandClock:
-    """Wall time and experiment time are the same, and go on when told."""
+    """Wall time and experiment time are equal, and advance only when the test sets them."""
 
     ns: int = 10**18
 
@@ -30,7 +30,7 @@ def image(seed: int) -> bytes:
 
 
 def lives(pid: int) -> bool:
-    """Whether a process runs or is stopped; one that has ended and whose end nobody took notice of does not."""
+    """Whether a process runs or is suspended; a zombie does not run."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
     except FileNotFoundError:

@@ -33,10 +33,11 @@ from semlive_drivers.composite_config import AssembledSettings
 from semlive_drivers.composite_load_frame import FrameSettings
 from semlive_drivers.csv_load_file import Column, CsvSettings
 from semlive_drivers.load_approach import ApproachSettings
-from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, SerialLine, StageSettings
+from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, StageSettings
 from semlive_drivers.operator.load_frame import OperatorFrameSettings
 from semlive_drivers.operator.stage import OperatorSettings
 from semlive_drivers.operator.trigger import OperatorTriggerSettings
+from semlive_drivers.settings import SerialLine
 from semlive_drivers.text.part import TextSettings
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "reference"

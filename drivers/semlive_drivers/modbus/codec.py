@@ -1,4 +1,4 @@
-"""Registers to values and back, without any IO."""
+"""Conversion between registers and values, without IO."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from semlive.errors import BadConfig, LinkError
+from semlive_drivers.device_part import SATURATED
 from semlive_drivers.modbus.registers import MAX_BLOCK, DType, Kind, RegisterPoint, WordOrder
 
 _FORMATS = {
@@ -15,8 +16,8 @@ _FORMATS = {
     **{DType.U64: ">Q", DType.I64: ">q", DType.F64: ">d"},
 }
 
-_TINIEST = 2.0**-126
-"""The smallest normal number of 32 bits; round numbers with their words swapped are smaller: 99.25 reads as 4.6e-41."""
+_MIN_NORMAL = 2.0**-126
+"""The smallest normal number of 32 bits; decimal numbers with swapped registers are smaller: 99.25 is read as 4.6e-41."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +25,9 @@ class Block:
     """Registers that are read or written in one request.
 
     Attributes:
-        kind: which table.
+        kind: table.
         address: first register.
-        count: how many.
+        count: number of registers.
     """
 
     kind: Kind
@@ -34,7 +35,7 @@ class Block:
     count: int
 
     def slice(self, point: RegisterPoint) -> slice:
-        """Where a point lies in the block's registers."""
+        """The registers of a point in the block."""
         first = point.address - self.address
         return slice(first, first + point.dtype.registers)
 
@@ -43,26 +44,26 @@ def block_of(points: Iterable[RegisterPoint], max_block: int = MAX_BLOCK) -> Blo
     """The smallest block that holds all points.
 
     Args:
-        points: at least one.
-        max_block: most registers that the device gives or takes at once.
+        points: one point or more.
+        max_block: largest number of registers in one request.
 
     Raises:
-        BadConfig: if they lie in different tables or too far apart for one request.
+        BadConfig: if the points are in different tables or too far apart for one request.
     """
     points = tuple(points)
-    kinds = {p.kind for p in points}
+    kinds = {point.kind for point in points}
     if len(kinds) != 1:
         raise BadConfig("registers that are read together must all be input or all be holding registers; correct the register map")
-    first = min(p.address for p in points)
-    count = max(p.address + p.dtype.registers for p in points) - first
+    first = min(point.address for point in points)
+    count = max(point.address + point.dtype.registers for point in points) - first
     if count > max_block:
         raise BadConfig(f"registers {first} to {first + count - 1} do not fit into one request of {max_block}; correct the register map")
     return Block(kinds.pop(), first, count)
 
 
 def number_in(point: RegisterPoint, registers: Sequence[int]) -> float | int:
-    """The bare number of a point, before sign, factors and scale."""
-    ordered = registers if point.words is WordOrder.HIGH_FIRST else registers[::-1]
+    """The unscaled number of a point, before sign, factors and scale."""
+    ordered = registers if point.word_order is WordOrder.HIGH_FIRST else registers[::-1]
     raw = struct.pack(f"{'>' if point.byte_order is WordOrder.HIGH_FIRST else '<'}{len(ordered)}H", *ordered)
     (number,) = struct.unpack(_FORMATS[point.dtype], raw)
     if point.bit_count:
@@ -70,87 +71,84 @@ def number_in(point: RegisterPoint, registers: Sequence[int]) -> float | int:
     return number
 
 
-def decode(point: RegisterPoint, registers: Sequence[int], others: Mapping[str, Sequence[int]] | None = None) -> float:
+def decode(point: RegisterPoint, registers: Sequence[int], all_registers: Mapping[str, Sequence[int]] | None = None) -> float:
     """The value of a point from its own registers.
 
     Args:
-        point: which.
-        registers: its own, as read.
-        others: registers of the points that say its sign and size, by name.
+        point: the point.
+        registers: registers of the point, as read.
+        all_registers: registers of the points that determine its sign and factors, by name; None if there are none.
 
     Raises:
-        LinkError: if it is not a finite number, or says that there is no reading.
+        LinkError: if the number is not finite, or means that there is no reading.
     """
     number = number_in(point, registers)
     value = number * point.scale
     if not math.isfinite(value) or number in point.sentinels:
         raise LinkError(f"register {point.address} holds {number}, which is no reading; check the sensor and the register map")
-    if point.dtype.is_float and 0 < abs(number) < _TINIEST:
-        raise LinkError(f"register {point.address} holds {number:g}, which no device tells; check the order of words in the register map")
+    if point.dtype.is_float and 0 < abs(number) < _MIN_NORMAL:
+        raise LinkError(f"register {point.address} holds {number:g}, which no device sends; check the order of words in the register map")
     if point.sign is not None or point.factors:
-        value *= _told_by(point, others or {})
+        value *= _factor_of(point, all_registers or {})
     return value + point.offset
 
 
-def _told_by(point: RegisterPoint, others: Mapping[str, Sequence[int]]) -> float:
-    """What other points say of the sign and the size of a number."""
-    factor = -1.0 if point.sign is not None and point.sign.of(others[point.sign.point][0]) else 1.0
-    for told in point.factors:
-        said = told.bits.of(others[told.bits.point][0])
-        if told.factors is None:
-            factor *= 10.0**-said
+def _factor_of(point: RegisterPoint, all_registers: Mapping[str, Sequence[int]]) -> float:
+    """Sign and factors of a number that other points determine."""
+    product = -1.0 if point.sign is not None and point.sign.of(all_registers[point.sign.point][0]) else 1.0
+    for factor in point.factors:
+        number = factor.bits.of(all_registers[factor.bits.point][0])
+        if factor.factors is None:
+            product *= 10.0**-number
             continue
-        known = dict(told.factors)
-        if said not in known:
+        factors = dict(factor.factors)
+        if number not in factors:
             raise LinkError(
-                f"{told.bits.point} says {said}, of which the register map does not tell what it means for register {point.address}; "
+                f"{factor.bits.point} is {number}, and the register map does not state what this means for register {point.address}; "
                 "check the device's settings and the map"
             )
-        factor *= known[said]
-    return factor
+        product *= factors[number]
+    return product
 
 
-def count_of(point: RegisterPoint, others: Mapping[str, Sequence[int]] | None = None) -> float:
-    """Value of one count of a point, always positive; 0 for floats, whose number format sets no step.
+def count_of(point: RegisterPoint, all_registers: Mapping[str, Sequence[int]] | None = None) -> float:
+    """Value of one count of a point, always positive; 0 for floats, whose number format has no fixed step.
 
     Args:
-        point: which.
-        others: registers of the points that say its sign and size, by name.
+        point: the point.
+        all_registers: registers of the points that determine its sign and factors, by name; None if there are none.
 
     Raises:
-        LinkError: if these say something that the map does not know.
+        LinkError: if the map does not list the number in one of them.
     """
-    return 0.0 if point.dtype.is_float else abs(point.scale * _told_by(point, others or {}))
+    return 0.0 if point.dtype.is_float else abs(point.scale * _factor_of(point, all_registers or {}))
 
 
 def require_in_range(name: str, point: RegisterPoint, registers: Sequence[int], value: float, *, unsigned: bool) -> None:
-    """Refuse a reading at the end of what its number or its sensor can tell: such a sensor is saturated or not connected.
+    """Refuse a reading at the end of its number format or of its sensor: such a sensor is saturated or not connected.
 
     Args:
-        name: of the point.
-        point: which.
-        registers: its own, as read.
-        value: decoded from them, in the unit of the point's value.
-        unsigned: the largest unsigned number is an end as well; a counter or an encoder may pass it.
+        name: name of the point.
+        point: the point.
+        registers: registers of the point, as read.
+        value: decoded value, in the unit of the point's value.
+        unsigned: whether the largest unsigned number is an end of the range too; a counter or an encoder may pass it.
 
     Raises:
-        LinkError: if it is there.
+        LinkError: if the reading is at an end.
     """
     if not point.dtype.is_float:
         bits = point.bit_count or 16 * point.dtype.registers
         signed = point.dtype.value.startswith("i") and not point.bit_count
         ends = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else ((1 << bits) - 1,) if unsigned and bits > 1 else ()
         if (number := number_in(point, registers)) in ends:
-            raise LinkError(f"{name} (register {point.address}) is at the end of its range ({number}): {_SATURATED}")
+            raise LinkError(f"{name} (register {point.address}) is at the end of its range ({number}): {SATURATED}")
     if point.range is not None and not point.range[0] < value < point.range[1]:
-        raise LinkError(f"{name} (register {point.address}) is at the end of its range ({value:g}): {_SATURATED}")
-
-
-_SATURATED = "the sensor is saturated or not connected; check sensor, cable and amplifier"
+        raise LinkError(f"{name} (register {point.address}) is at the end of its range ({value:g}): {SATURATED}")
 
 
 def decode_optional(point: RegisterPoint, registers: Sequence[int]) -> float | None:
-    """The value of a point that may have none: a broken wire or an amplifier that is off reads as no number."""
+    """The value of a point, or None if there is no reading, as with a broken wire or an amplifier that is off."""
     try:
         return decode(point, registers)
     except LinkError:
@@ -158,7 +156,7 @@ def decode_optional(point: RegisterPoint, registers: Sequence[int]) -> float | N
 
 
 def decode_int(point: RegisterPoint, registers: Sequence[int]) -> int:
-    """The value of a point that counts or names, without scale."""
+    """The number of a counter or a code, without scale."""
     return round(decode(point, registers) / point.scale)
 
 
@@ -176,4 +174,4 @@ def encode(point: RegisterPoint, value: float) -> tuple[int, ...]:
     if not math.isfinite(number):
         raise LinkError(f"{value:g} cannot be commanded (register {point.address})")
     registers = struct.unpack(f"{'>' if point.byte_order is WordOrder.HIGH_FIRST else '<'}{len(raw) // 2}H", raw)
-    return registers if point.words is WordOrder.HIGH_FIRST else registers[::-1]
+    return registers if point.word_order is WordOrder.HIGH_FIRST else registers[::-1]

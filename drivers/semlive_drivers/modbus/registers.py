@@ -1,4 +1,4 @@
-"""Registers as data: how a number lies in a device. Where it lies is a register map (`device_map`, docs/reference/register-maps.md)."""
+"""Registers as values: address and number format of each point (docs/reference/register-maps.md)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 from semlive.errors import BadConfig
 
 MAX_BLOCK = 123
-"""Most registers that one Modbus request can carry (FC16)."""
+"""Largest number of registers in one Modbus request (FC16)."""
 
 
 class Kind(StrEnum):
-    """Which table: input registers (FC04), holding registers (FC03, 06, 16), coils (FC01, 05, 15), discrete inputs (FC02)."""
+    """Modbus table: input registers (FC04), holding registers (FC03, 06, 16), coils (FC01, 05, 15), discrete inputs (FC02)."""
 
     INPUT = "input"
     HOLDING = "holding"
@@ -26,9 +26,14 @@ class Kind(StrEnum):
         """Whether it holds single bits."""
         return self in (Kind.COIL, Kind.DISCRETE)
 
+    @property
+    def entry_name(self) -> str:
+        """Name of one entry of the table in messages."""
+        return {Kind.INPUT: "input register", Kind.HOLDING: "holding register", Kind.COIL: "coil"}.get(self, "discrete input")
+
 
 class DType(StrEnum):
-    """How a number lies in registers."""
+    """Number format in registers."""
 
     U16 = "u16"
     I16 = "i16"
@@ -41,12 +46,12 @@ class DType(StrEnum):
 
     @property
     def registers(self) -> int:
-        """Registers that one value takes."""
+        """Number of registers of one value."""
         return int(self.value[1:]) // 16
 
     @property
     def is_float(self) -> bool:
-        """Whether the number has a fraction of its own."""
+        """Whether the format is a floating-point format."""
         return self.value.startswith("f")
 
 
@@ -59,30 +64,30 @@ class WordOrder(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BitField:
-    """Part of the word of another point.
+    """Bits of the register of another point.
 
     Attributes:
-        point: whose word.
+        point: name of the point.
         first: lowest bit, from 0.
-        count: how many bits.
+        count: number of bits.
     """
 
     point: str
     first: int = 0
     count: int = 16
 
-    def of(self, word: int) -> int:
+    def of(self, register: int) -> int:
         """The number in these bits."""
-        return word >> self.first & ((1 << self.count) - 1)
+        return register >> self.first & ((1 << self.count) - 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """What another point says of the size of a number.
+    """A factor of a number that another point determines.
 
     Attributes:
-        bits: where it is said.
-        factors: by the number there, what to multiply with; None takes the number as that of decimals.
+        bits: bits of the other point.
+        factors: pairs of a number in these bits and its factor; None takes the number as the number of decimals.
     """
 
     bits: BitField
@@ -94,25 +99,25 @@ class RegisterPoint:
     """One number in a device: value = (sign * number * factors) * scale + offset.
 
     Attributes:
-        kind: which table.
-        address: of the first register, from 0 as on the wire.
-        dtype: how the number lies there.
-        words: order of the registers of a long number.
-        byte_order: order of the bytes in each register; Modbus says high first.
-        scale: value of one count; -1 turns the sign, 1000 turns kN into N.
+        kind: table.
+        address: address of the first register, from 0 as on the wire.
+        dtype: number format.
+        word_order: order of the registers of a number with several registers.
+        byte_order: order of the bytes in each register; the Modbus standard is high first.
+        scale: value of one count; -1 inverts the sign, 1000 converts kN to N.
         offset: value of zero counts.
-        first_bit: lowest bit of the word that belongs to the number.
-        bit_count: how many bits; 0 takes all.
+        first_bit: lowest bit of the number in the register.
+        bit_count: number of bits; 0 takes all.
         sentinels: numbers that mean "no reading".
-        sign: a bit that is set when the number is negative.
-        factors: what other points say of its size (decimals, division, unit).
-        range: values at or beyond which a reading is none, in the unit of the value; None where the map states none.
+        sign: bit of another point that is set when the number is negative.
+        factors: factors that other points determine (decimals, division, unit).
+        range: range of the sensor in the unit of the value, at or beyond which there is no reading; None if the map states none.
     """
 
     kind: Kind
     address: int
     dtype: DType = DType.U16
-    words: WordOrder = WordOrder.HIGH_FIRST
+    word_order: WordOrder = WordOrder.HIGH_FIRST
     scale: float = 1.0
     byte_order: WordOrder = WordOrder.HIGH_FIRST
     offset: float = 0.0
@@ -133,13 +138,13 @@ class RegisterPoint:
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Points whose words are needed to understand this one."""
+        """Points whose registers are needed to decode this one."""
         return (() if self.sign is None else (self.sign.point,)) + tuple(factor.bits.point for factor in self.factors)
 
 
 @dataclass(frozen=True, slots=True)
 class StageMap:
-    """Where a stage keeps what."""
+    """Points of a stage."""
 
     identity: RegisterPoint = RegisterPoint(Kind.INPUT, 0)
     version: RegisterPoint = RegisterPoint(Kind.INPUT, 1)
@@ -155,20 +160,20 @@ class StageMap:
 
 
 STAGE_POINTS = ("motion", "x", "y", "counter", "target_x", "target_y", "command", "nonce")
-"""The points of a `StageMap` that are its own; the rest tell who answers."""
+"""The points of a `StageMap` in the block of the stage; the others identify the device."""
 
 
 def stage_at(first_register: int) -> StageMap:
-    """The map of a stage whose block begins elsewhere."""
-    usual = StageMap()
-    away = first_register - usual.motion.address
-    points: dict[str, RegisterPoint] = {name: getattr(usual, name) for name in STAGE_POINTS}
-    return replace(usual, **{name: replace(point, address=point.address + away) for name, point in points.items()})
+    """The map of a stage whose block begins at another register."""
+    default = StageMap()
+    shift = first_register - default.motion.address
+    points: dict[str, RegisterPoint] = {name: getattr(default, name) for name in STAGE_POINTS}
+    return replace(default, **{name: replace(point, address=point.address + shift) for name, point in points.items()})
 
 
 @dataclass(frozen=True, slots=True)
 class TriggerMap:
-    """Where a scan generator is asked for a frame."""
+    """Points of a scan generator: writing 1 to `scan` requests a frame."""
 
     scan: RegisterPoint = RegisterPoint(Kind.HOLDING, 200)
 
@@ -180,12 +185,12 @@ def overridden(registers: Map, overrides: Mapping[str, Mapping[str, Any]], where
     """A register map with some points replaced, field by field.
 
     Args:
-        registers: the defaults.
-        overrides: by name of the point, the fields of `RegisterPoint` that differ.
-        where: what to call the settings in an error.
+        registers: the default points.
+        overrides: fields of `RegisterPoint` that differ, by name of the point.
+        where: name of the settings in an error.
 
     Raises:
-        BadConfig: for a point or field that does not exist, or a value that cannot be.
+        BadConfig: for a point or field that does not exist, or a value that is not valid.
     """
     points: dict[str, RegisterPoint] = {f.name: getattr(registers, f.name) for f in fields(registers)}
     return replace(registers, **overridden_points(points, overrides, where))
@@ -199,7 +204,7 @@ def overridden_points(
     for name, values in overrides.items():
         if name not in changed:
             raise BadConfig(f"{where} has no register called {name!r}; it has {', '.join(points)}")
-        changed[name] = _changed(points[name], values, f"{where}.{name}")
+        changed[name] = _with_changes(points[name], values, f"{where}.{name}")
     return changed
 
 
@@ -210,7 +215,7 @@ def _range(given: Any) -> tuple[float, float]:
     return low, high
 
 
-def _changed(point: RegisterPoint, values: Mapping[str, Any], where: str) -> RegisterPoint:
+def _with_changes(point: RegisterPoint, values: Mapping[str, Any], where: str) -> RegisterPoint:
     parsers: dict[str, Callable[[Any], Any]] = {
         "address": int,
         "dtype": DType,
@@ -226,7 +231,7 @@ def _changed(point: RegisterPoint, values: Mapping[str, Any], where: str) -> Reg
         if key not in parsers:
             raise BadConfig(f"{where} has no field {key!r}; it has {', '.join(parsers)}")
         try:
-            parsed[key] = parsers[key](value)
+            parsed["word_order" if key == "words" else key] = parsers[key](value)
         except (TypeError, ValueError):
             raise BadConfig(f"{where}.{key} is {value!r}, which is no {parsers[key].__name__.strip('_')}; correct it") from None
     return replace(point, **parsed)

@@ -7,19 +7,20 @@ from collections.abc import Mapping
 from semlive.errors import SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers.endpoint_lock import reserve_serial, reserve_tcp
-from semlive_drivers.modbus.client import Link
 from semlive_drivers.modbus.codec import block_of, encode
-from semlive_drivers.modbus.part import open_link
+from semlive_drivers.modbus.device import open_link
+from semlive_drivers.modbus.link import Link
 from semlive_drivers.modbus.registers import TriggerMap, overridden
-from semlive_drivers.modbus.settings import ModbusSettings, checked
+from semlive_drivers.modbus.settings import ModbusSettings
+from semlive_drivers.settings import checked
 
 
 class ModbusTrigger:
-    """The Trigger port over one Modbus link, opened anew for every request: minutes pass between two of them."""
+    """The Trigger port over one Modbus link, opened again for every request, because minutes pass between two of them."""
 
     def __init__(self, registers: TriggerMap, settings: ModbusSettings) -> None:
         self._map, self._settings = registers, settings
-        # Held between two requests as well: no other process shall come between.
+        # The endpoint stays reserved between two requests, so that no other process can command the device.
         serial = settings.serial
         self._endpoint = reserve_tcp(settings.host, settings.port, settings.unit) if serial is None else reserve_serial(serial.port)
         try:
@@ -29,10 +30,10 @@ class ModbusTrigger:
             raise
 
     def scan_once(self) -> None:
-        """Ask for one frame; returns when the request was taken.
+        """Request one frame; returns when the request was accepted.
 
         Raises:
-            LinkError: if it was not, for instance because a scan is under way.
+            LinkError: if it was not accepted, for instance because a scan is under way.
         """
         link = self._link()
         try:
@@ -49,12 +50,12 @@ class ModbusTrigger:
 
 
 def open_trigger(settings: Mapping[str, object], clock: ClockSource) -> ModbusTrigger:
-    """Check that somebody answers.
+    """Check that the device answers.
 
     Raises:
-        BadConfig: for settings that are not understood.
-        LinkRefused: if nobody answers.
+        BadConfig: for settings that are not valid.
+        LinkRefused: if no device answers.
     """
-    del clock  # a trigger has no samples to stamp
-    known = checked(ModbusSettings, settings, "modbus trigger")
-    return ModbusTrigger(overridden(TriggerMap(), known.registers, "modbus trigger: registers"), known)
+    del clock  # a trigger has no samples with times
+    config = checked(ModbusSettings, settings, "modbus trigger")
+    return ModbusTrigger(overridden(TriggerMap(), config.registers, "modbus trigger: registers"), config)

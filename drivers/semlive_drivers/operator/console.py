@@ -1,7 +1,7 @@
-"""The operator's terminal: what is asked is shown at once, and each line that is typed goes to whoever asked last and is still waiting.
+"""The terminal of the operator: questions are shown at once, and each typed line answers the latest open question.
 
-Stage, load frame and trigger may all ask on one terminal. One thread reads it, begun with the first question or overhearer. Whoever follows
-hears every word, and may answer in the terminal's place; whoever overhears has the first look at each line.
+Stage, load frame and trigger share one terminal. One thread reads it, which starts with the first question or answer source. The
+subscriber receives every message and may answer instead of the terminal; the answer source receives each line first.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from semlive.data.operator_prompts import OperatorPrompt, PromptEvent, ResponseT
 from semlive.data.text import printable
 
 AnswerCallback = Callable[[str], bool]
-"""Takes a line; True if that was the answer, False to go on waiting."""
+"""Receives a line; returns True if it is the answer, False if the question stays open."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Question:
     number: int
     text: str
-    heard: AnswerCallback
-    wanted: ResponseType
+    callback: AnswerCallback
+    response: ResponseType
 
 
 class Console:
-    """A terminal, shared; a `semlive.ports.OperatorInterface`.
+    """A shared terminal; a `semlive.ports.OperatorInterface`.
 
     Args:
-        lines: what is typed, line by line; called once, in a thread of its own.
+        lines: returns the typed lines; called one time, in a separate thread.
         show: shows one line.
     """
 
@@ -39,52 +39,52 @@ class Console:
         self._lines, self._show = lines, show
         self._lock = threading.Lock()
         self._numbers = itertools.count(1)
-        self._waiting: list[_Question] = []
+        self._open_questions: list[_Question] = []
         self._listening = False
-        self._follower: Callable[[OperatorPrompt], object] | None = None
-        self._overhearer: AnswerCallback | None = None
+        self._subscriber: Callable[[OperatorPrompt], object] | None = None
+        self._answer_source: AnswerCallback | None = None
 
-    def subscribe(self, heard: Callable[[OperatorPrompt], object]) -> None:
-        """Tell `heard` every word from now on."""
-        self._follower = heard
+    def subscribe(self, callback: Callable[[OperatorPrompt], object]) -> None:
+        """Send every message to `callback` from now on."""
+        self._subscriber = callback
 
-    def add_answer_source(self, heard: AnswerCallback) -> None:
-        """Give every line that is typed from now on to `heard` first, in another thread; what it says True to answers no question."""
-        self._overhearer = heard
-        self._begin()
+    def add_answer_source(self, callback: AnswerCallback) -> None:
+        """Send every typed line to `callback` first, in another thread; a line for which it returns True answers no question."""
+        self._answer_source = callback
+        self._start_thread()
 
     def show(self, text: str) -> None:
         """Show a line."""
         self._show(text)
-        self._say(OperatorPrompt(PromptEvent.MESSAGE, text))
+        self._publish(OperatorPrompt(PromptEvent.MESSAGE, text))
 
-    def ask(self, text: str, heard: AnswerCallback, wanted: ResponseType = ResponseType.CONFIRMATION) -> None:
-        """Show a line and give what is typed from now on to `heard`, in another thread, until it says True."""
-        self.withdraw(heard)
-        question = _Question(next(self._numbers), text, heard, wanted)
+    def ask(self, text: str, callback: AnswerCallback, response: ResponseType = ResponseType.CONFIRMATION) -> None:
+        """Show a question and send the typed lines to `callback`, in another thread, until it returns True."""
+        self.withdraw(callback)
+        question = _Question(next(self._numbers), text, callback, response)
         with self._lock:
-            self._waiting.append(question)
+            self._open_questions.append(question)
         self._show(text)
-        self._say(OperatorPrompt(PromptEvent.PROMPT, text, question.number, wanted))
-        self._begin()
+        self._publish(OperatorPrompt(PromptEvent.PROMPT, text, question.number, response))
+        self._start_thread()
 
     def answer(self, question: int, line: str) -> bool:
-        """Answer a question from elsewhere; False if it is not open any more."""
+        """Answer a question by its number, not from the terminal; False if it is not open any more."""
         with self._lock:
-            found = next((one for one in self._waiting if one.number == question), None)
-        if found is not None:
-            self._take(found, line)
-        return found is not None
+            open_question = next((candidate for candidate in self._open_questions if candidate.number == question), None)
+        if open_question is not None:
+            self._receive(open_question, line)
+        return open_question is not None
 
-    def withdraw(self, heard: AnswerCallback) -> None:
-        """Take a question back."""
+    def withdraw(self, callback: AnswerCallback) -> None:
+        """Withdraw the question with this callback."""
         with self._lock:
-            taken_back = [one for one in self._waiting if one.heard == heard]
-            self._waiting = [one for one in self._waiting if one.heard != heard]
-        for one in taken_back:
-            self._say(OperatorPrompt(PromptEvent.WITHDRAWN, one.text, one.number, one.wanted))
+            withdrawn = [question for question in self._open_questions if question.callback == callback]
+            self._open_questions = [question for question in self._open_questions if question.callback != callback]
+        for question in withdrawn:
+            self._publish(OperatorPrompt(PromptEvent.WITHDRAWN, question.text, question.number, question.response))
 
-    def _begin(self) -> None:
+    def _start_thread(self) -> None:
         with self._lock:
             start, self._listening = not self._listening, True
         if start:
@@ -92,28 +92,28 @@ class Console:
 
     def _listen(self) -> None:
         for line in self._lines():
-            if self._overhearer is not None and self._overhearer(line):
+            if self._answer_source is not None and self._answer_source(line):
                 continue
             with self._lock:
-                newest = self._waiting[-1] if self._waiting else None
+                newest = self._open_questions[-1] if self._open_questions else None
             if newest is not None:
-                self._take(newest, line)
+                self._receive(newest, line)
         with self._lock:
             self._listening = False
 
-    def _take(self, question: _Question, line: str) -> None:
+    def _receive(self, question: _Question, line: str) -> None:
         line = line.strip()
-        if not question.heard(line):
+        if not question.callback(line):
             return
         with self._lock:
-            was_open = question in self._waiting
-            self._waiting = [one for one in self._waiting if one is not question]
+            was_open = question in self._open_questions
+            self._open_questions = [other for other in self._open_questions if other is not question]
         if was_open:
-            self._say(OperatorPrompt(PromptEvent.RESPONSE, line, question.number, question.wanted))
+            self._publish(OperatorPrompt(PromptEvent.RESPONSE, line, question.number, question.response))
 
-    def _say(self, word: OperatorPrompt) -> None:
-        if self._follower is not None:
-            self._follower(word)
+    def _publish(self, prompt: OperatorPrompt) -> None:
+        if self._subscriber is not None:
+            self._subscriber(prompt)
 
 
 def _show(line: str) -> None:
@@ -122,4 +122,4 @@ def _show(line: str) -> None:
 
 
 TERMINAL = Console(lambda: iter(sys.stdin.readline, ""), _show)
-"""The one of this process."""
+"""The terminal of this process."""

@@ -1,4 +1,4 @@
-"""A load frame that a hand moves, by the closed software of its maker: semlive asks, and reads the load where it can."""
+"""A load frame that the operator moves with the program of its maker; a file or the operator gives the load."""
 
 from __future__ import annotations
 
@@ -12,61 +12,60 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from semlive.data.loading import MotionState
 from semlive.data.operator_prompts import ResponseType
-from semlive.errors import SemliveError
 from semlive.ports import ClockSource
-from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings
+from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings, compose
 from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
 from semlive_drivers.device_part import Part, PartCommand, PartReading, Stops
-from semlive_drivers.modbus.settings import checked
 from semlive_drivers.operator.console import TERMINAL, Console
+from semlive_drivers.settings import checked
 
 _CHANGE_WITHIN_S = 0.5
-"""Time within which a load that a person holds does not change by more than `arrived_n`."""
-_STOP_AGAIN_S = 0.5
-"""Least time from one display of the request to stop to the next, while the load changes."""
+"""Time within which the load of a stopped load frame does not change by more than `arrived_n`."""
+_STOP_REPEAT_S = 0.5
+"""Shortest time between two displays of the request to stop, while the load changes."""
 
 
 class OperatorFrameSettings(BaseModel):
-    """Settings of a load frame that a hand moves."""
+    """Settings of a load frame that the operator moves."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     load_file: CsvSettings | None = None
-    """The file that the maker's program records into; without it the operator enters the load."""
+    """The file that the program of the maker writes; without it the operator enters the load."""
     program: str = "the load frame's program"
-    """What the operator calls it."""
+    """Name of that program in requests to the operator."""
     arrived_n: float = Field(default=5.0, gt=0)
-    """This close to the target the motion is over; with a file without a word."""
+    """Distance from the target load at which the motion ends; with a file, no confirmation is required."""
 
 
-class SpokenOrders:
-    """What a person can be asked for, as `semlive_drivers.device_part.OrderBook`: any load that is a number."""
+class OperatorOrders:
+    """Orders to the operator, as `semlive_drivers.device_part.OrderBook`: every finite load is possible."""
 
     can = frozenset({PartCommand.RAMP, PartCommand.STOP})
 
-    def order_problem(self, what: PartCommand, values: Mapping[str, float]) -> str | None:
-        """Why a load cannot be asked for, or None."""
-        del what
-        return None if all(abs(value) < float("inf") for value in values.values()) else "a load that is no number cannot be asked for"
+    def order_problem(self, order: PartCommand, values: Mapping[str, float]) -> str | None:
+        """Why a load cannot be requested, or None."""
+        del order
+        return None if all(abs(value) < float("inf") for value in values.values()) else "a load that is no number cannot be requested"
 
     def step_of(self, value: str) -> float:
-        """0: a person is not asked to travel."""
+        """0: the operator takes no jogs."""
         del value
         return 0.0
 
 
 class OperatorCrosshead:
-    """The Part over a person: told a load, it asks for it; the motion is over when the operator says so.
+    """The DevicePart over a person: a ramp is shown as a request, and ends when the operator confirms it.
 
     Args:
-        settings: checked settings.
-        console: where it is asked.
-        has_file: a file tells the load; otherwise what is typed does.
+        settings: validated settings.
+        console: terminal for the requests.
+        has_file: whether a file gives the load; otherwise the operator enters it.
     """
 
     simulated = False
     manual = True
-    has_watchdog = True  # a hand stops when it is not asked on
+    has_watchdog = True  # without a further request the operator moves nothing
     capabilities = frozenset({PartCommand.RAMP, PartCommand.STOP})
 
     def __init__(self, settings: OperatorFrameSettings, console: Console, has_file: bool) -> None:
@@ -78,29 +77,29 @@ class OperatorCrosshead:
         self._loads_n: deque[tuple[float, float]] = deque()
         self._shown_mono_s = -math.inf
         self.where = "a hand"
-        self.book, self.stops = SpokenOrders(), Stops(self._ask_to_stop)
+        self.book, self.stops = OperatorOrders(), Stops(self._request_stop)
 
     def read(self) -> PartReading:
-        """The target, the load that was entered, and whether the operator is still at it."""
+        """The target, the load that the operator entered, and the motion state."""
         with self._lock:
-            unheeded = self._stop_requested and self._load_changes()
-            motion = MotionState.MOVING if self._moving or unheeded else MotionState.STOPPED
+            ignores_stop = self._stop_requested and self._load_changes()
+            motion = MotionState.MOVING if self._moving or ignores_stop else MotionState.STOPPED
             return PartReading(None if self._has_file else self._entered_n, None, motion, self._target_n)
 
     def identify(self) -> PartReading:
-        """The same."""
+        """As `read`."""
         return self.read()
 
     def arrived(self) -> None:
-        """The load is there, as the file says."""
+        """End the motion: the load in the file has reached the target."""
         with self._lock:
-            over, self._moving = self._moving, False
-        if over:
-            self._console.withdraw(self._heard)
+            was_moving, self._moving = self._moving, False
+        if was_moving:
+            self._console.withdraw(self._receive_answer)
             self._console.show(f"the load is {self._target_n:g} N; hold it there")
 
     def note_load(self, force_n: float) -> None:
-        """Take the load that the file shows, N: a load that changes after a request to stop is a motion."""
+        """Store the load in the file, N: a load that changes after a request to stop is a motion."""
         now_s = time.monotonic()
         with self._lock:
             self._loads_n.append((now_s, force_n))
@@ -114,20 +113,20 @@ class OperatorCrosshead:
 
     @property
     def target_n(self) -> float | None:
-        """Where the load is brought to, or None while nothing is asked."""
+        """Target load of the open request, N; None without one."""
         with self._lock:
             return self._target_n if self._moving else None
 
-    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
-        """Ask for a load, or to stop."""
-        if what is PartCommand.STOP:
+    def command(self, order: PartCommand, values: Mapping[str, float]) -> None:
+        """Show the request for a load, or to stop."""
+        if order is PartCommand.STOP:
             with self._lock:
-                moves, self._moving = self._moving or self._load_changes(), False
-                self._stop_requested = self._stop_requested or moves
+                was_moving, self._moving = self._moving or self._load_changes(), False
+                self._stop_requested = self._stop_requested or was_moving
                 now_s = time.monotonic()
-                shows = moves and now_s >= self._shown_mono_s + _STOP_AGAIN_S
+                shows = was_moving and now_s >= self._shown_mono_s + _STOP_REPEAT_S
                 self._shown_mono_s = now_s if shows else self._shown_mono_s
-            self._console.withdraw(self._heard)
+            self._console.withdraw(self._receive_answer)
             if shows:
                 self._console.show(f"STOP the motion in {self._settings.program} and hold")
             return
@@ -136,31 +135,32 @@ class OperatorCrosshead:
             self._shown_mono_s = -math.inf
         answer = "press enter when it is there" if self._has_file else "type the load in N and press enter when it is there"
         rate = f"at {values['rate_n_s']:g} N/s, then hold"
-        wanted = ResponseType.CONFIRMATION if self._has_file else ResponseType.LOAD_N
-        self._console.ask(f"in {self._settings.program}, bring the load to {values['force_n']:g} N {rate}; {answer}", self._heard, wanted)
+        response = ResponseType.CONFIRMATION if self._has_file else ResponseType.LOAD_N
+        request = f"in {self._settings.program}, bring the load to {values['force_n']:g} N {rate}; {answer}"
+        self._console.ask(request, self._receive_answer, response)
 
     def order_changed(self) -> str | None:
-        """None: a person has no registers."""
+        """None: there are no registers."""
         return None
 
     def resolution(self) -> tuple[float, float]:
-        """0: a person may type any number."""
+        """0: the operator may enter any number."""
         return 0.0, 0.0
 
     def blind_stop(self) -> None:
-        """Ask to stop."""
+        """Show the request to stop."""
         self.command(PartCommand.STOP, {})
 
     def close(self) -> None:
-        """Take a question back."""
-        self._console.withdraw(self._heard)
+        """Withdraw an open request."""
+        self._console.withdraw(self._receive_answer)
 
-    def _ask_to_stop(self) -> bool:
+    def _request_stop(self) -> bool:
         self.command(PartCommand.STOP, {})
         return True
 
-    def _heard(self, line: str) -> bool:
-        """What the operator typed; True when the motion is over."""
+    def _receive_answer(self, line: str) -> bool:
+        """Evaluate a typed line; True if it ends the motion."""
         if not self._has_file:
             try:
                 entered_n = float(line.replace(",", "."))
@@ -182,54 +182,50 @@ class OperatorCrosshead:
 
 
 class MonitoredLoadFile:
-    """A growing file that also tells the operator's part when the load is there."""
+    """A growing file whose load ends the motion of the operator's part at the target."""
 
-    def __init__(self, tail: CsvLoadFile, drive: OperatorCrosshead, arrived_n: float) -> None:
-        self._tail, self._drive, self._arrived_n = tail, drive, arrived_n
-        self.where, self.simulated, self.has_watchdog, self.capabilities = tail.where, tail.simulated, tail.has_watchdog, tail.capabilities
+    def __init__(self, load_file: CsvLoadFile, drive: OperatorCrosshead, arrived_n: float) -> None:
+        self._load_file, self._drive, self._arrived_n = load_file, drive, arrived_n
+        self.where, self.capabilities = load_file.where, load_file.capabilities
+        self.simulated, self.has_watchdog = load_file.simulated, load_file.has_watchdog
 
     def read(self) -> PartReading:
-        """The newest whole line; raises as `CsvLoadFile.read`."""
-        said, target_n = self._tail.read(), self._drive.target_n
-        if said.force_n is not None:
-            self._drive.note_load(said.force_n)
-        if target_n is not None and said.force_n is not None and abs(said.force_n - target_n) <= self._arrived_n:
+        """The values in the newest complete line; raises as `CsvLoadFile.read`."""
+        reading, target_n = self._load_file.read(), self._drive.target_n
+        if reading.force_n is not None:
+            self._drive.note_load(reading.force_n)
+        if target_n is not None and reading.force_n is not None and abs(reading.force_n - target_n) <= self._arrived_n:
             self._drive.arrived()
-        return said
+        return reading
 
     def identify(self) -> PartReading:
-        """The same."""
+        """As `read`."""
         return self.read()
 
-    def command(self, what: PartCommand, values: Mapping[str, float]) -> None:
-        """Nothing can be told to a file; raises as `CsvLoadFile.command`."""
-        self._tail.command(what, values)
+    def command(self, order: PartCommand, values: Mapping[str, float]) -> None:
+        """Refuse an order; raises as `CsvLoadFile.command`."""
+        self._load_file.command(order, values)
 
     def blind_stop(self) -> None:
-        """Nothing moves."""
+        """Do nothing: nothing moves."""
 
     def close(self) -> None:
-        """Nothing stays open."""
+        """Do nothing: nothing is open."""
 
 
 def open_load_frame(settings: Mapping[str, object], clock: ClockSource, *, console: Console = TERMINAL) -> CompositeLoadFrame:
-    """A load frame that a hand moves, asked on the terminal.
+    """A load frame that the operator moves on requests at the terminal.
 
     Raises:
-        BadConfig: for settings that are not understood.
-        LinkRefused: if the file is not there.
-        LinkError: if it holds no reading.
+        BadConfig: for settings that are not valid.
+        LinkRefused: if the file does not exist.
+        LinkError: if the file contains no reading.
     """
-    own, rest = FrameSettings.split(settings)
-    known = checked(FrameSettings, own, "operator load frame")
-    given = checked(OperatorFrameSettings, rest, "operator load frame")
-    drive = OperatorCrosshead(given, console, given.load_file is not None)
+    frame_keys, operator_keys = FrameSettings.split(settings)
+    frame_settings = checked(FrameSettings, frame_keys, "operator load frame")
+    config = checked(OperatorFrameSettings, operator_keys, "operator load frame")
+    drive = OperatorCrosshead(config, console, config.load_file is not None)
     parts: list[Part] = [drive]
-    if given.load_file is not None:
-        parts.insert(0, MonitoredLoadFile(CsvLoadFile(given.load_file, clock), drive, given.arrived_n))
-    try:
-        return CompositeLoadFrame(parts, known, clock)
-    except SemliveError:
-        for part in parts:
-            part.close()
-        raise
+    if config.load_file is not None:
+        parts.insert(0, MonitoredLoadFile(CsvLoadFile(config.load_file, clock), drive, config.arrived_n))
+    return compose(parts, frame_settings, clock)

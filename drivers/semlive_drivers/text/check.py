@@ -1,4 +1,4 @@
-"""Looks at a device that a dialogue describes: who answers, and whether its values are plausible. It asks, and gives no order."""
+"""Check of a device against its dialogue: identity and plausible values. It sends questions and no orders."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ def check_text(
     clock: ClockSource,
     orders: Callable[[OrderBook], Iterable[Finding]] = lambda book: (),
 ) -> FrameCheck:
-    """Ask what a description asks with every reading, and hold the answers beside it.
+    """Ask the questions of every reading and compare the replies with the description.
+
+    Args:
+        name: name of the description, or a path.
+        settings: as of the driver.
+        clock: experiment time.
+        orders: checks orders against those that the device can take.
 
     Raises:
-        BadConfig: for settings or a description that are not understood.
-        LinkRefused: if the line cannot be opened, or somebody else answers.
+        BadConfig: for settings or a description that are not valid.
+        LinkRefused: if the line cannot be opened, or another device answers.
     """
     part = open_part({**settings, "map": name}, clock, "frame check")
     try:
@@ -32,29 +38,29 @@ def check_text(
             else [Finding("identity", "the description has none", Verdict.UNKNOWN, "make sure that the line is this machine's")]
         )
         findings += [Finding("identity", step.ask, Verdict.OK) for step in dialogue.identity]
-        findings += [finding for ask in dialogue.every_turn for finding in _asked(part, ask)]
+        findings += [finding for ask in dialogue.every_turn for finding in _compare(part, ask)]
         try:
             part.identify()
         except LinkError as error:
-            findings.append(Finding("reading", str(error), Verdict.FAILED, "every reading would be refused until that is mended"))
+            findings.append(Finding("reading", str(error), Verdict.FAILED, "every reading would be refused until that is corrected"))
         findings += orders(part.book)
     finally:
         part.close()
     return FrameCheck(dialogue.name, part.where, dialogue.source, dialogue.confirmed, tuple(findings))
 
 
-def _asked(part: TextPart, ask: str) -> Iterator[Finding]:
+def _compare(part: TextPart, ask: str) -> Iterator[Finding]:
     try:
-        reply = part.ask(ask)
+        reply = part.session.ask(ask)
     except LinkError as error:
         yield Finding(ask, str(error), Verdict.FAILED, "check line, station and description")
-        part.recover()
+        part.session.recover()
         return
     for group, value in reply.items():
         if not isinstance(value, float) or group not in part.dialogue.plausible:
             yield Finding(group, f"{value:g}" if isinstance(value, float) else str(value), Verdict.UNKNOWN)
             continue
         low, high = part.dialogue.plausible[group]
-        good = low <= value <= high
-        advice = "" if good else f"{low:g} to {high:g} is plausible at rest: check unit and description"
-        yield Finding(group, f"{value:g}", Verdict.OK if good else Verdict.FAILED, advice)
+        passed = low <= value <= high
+        advice = "" if passed else f"{low:g} to {high:g} is plausible at rest: check unit and description"
+        yield Finding(group, f"{value:g}", Verdict.OK if passed else Verdict.FAILED, advice)

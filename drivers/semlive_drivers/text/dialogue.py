@@ -1,25 +1,21 @@
-"""A device that speaks text, described as data (docs/reference/text-dialogues.md): questions, answers, orders."""
+"""Dialogue with a device that is controlled by text (docs/reference/text-dialogues.md): questions, replies, orders."""
 
 from __future__ import annotations
 
 import re
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from semlive.data.loading import MotionState
 from semlive_drivers.device_part import PartCommand
-from semlive_drivers.maps import validate_map
+from semlive_drivers.maps import Described, DeviceDescription, validate_map
 from semlive_drivers.modbus.device_map import SerialConfig
 from semlive_drivers.text.codec import CheckKind, Checksum, template_fields
 from semlive_drivers.units import factor
 
 ORDERED = ("force_n", "rate_n_s", "rate_n_min", "travel_mm", "to_mm", "speed_mm_s", "speed_mm_min", "station")
-"""What a request may contain; ``to_mm`` is where a way ends, by the device's own reading."""
-
-
-class _Described(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+"""Names of values that a request may contain; ``to_mm`` is the end of a motion on the extension scale of the device."""
 
 
 def _compiled(text: str) -> str:
@@ -30,90 +26,84 @@ def _compiled(text: str) -> str:
     return text
 
 
-class Query(_Described):
+class Query(Described):
     """A question."""
 
     send: str
     reply: Annotated[str, AfterValidator(_compiled)]
-    """Pattern of the whole reply, its lines joined by one newline; groups name what it says."""
+    """Pattern of the complete reply, with its lines joined by newlines; its groups name the values."""
     lines: int = Field(default=1, ge=1, le=20)
 
 
-class BitRule(_Described):
-    """A bit of a status word that makes a reading none."""
+class BitRule(Described):
+    """A bit of a status value that marks a reading as invalid."""
 
     group: str
     bit: int = Field(ge=0, le=31)
     equals: int = 0
-    """What the bit must be."""
+    """Value of the bit in a valid reading."""
     for_s: float = Field(default=0.0, ge=0)
-    """How long it may be otherwise."""
+    """Time for which the bit may have the other value."""
     says: str
+    """Message for the operator."""
 
 
-class Step(_Described):
-    """One step of an order: something that is sent, or a question whose answer must be right."""
+class Step(Described):
+    """One step of an order: a text that is sent, or a question with an expected reply."""
 
     send: str = ""
     ask: str = ""
-    equals: dict[str, str] = {}
-    """By group of the reply, the value of the order that must be read back."""
+    equals: dict[str, str] = Field(default_factory=dict)
+    """Name of the value of the order that each group of the reply must equal."""
     tolerance: float = 0.01
     motion: MotionState | None = None
-    """What motion must be said."""
+    """Expected motion state."""
     within_s: float = Field(default=0.0, ge=0, le=5)
-    """The question is asked again for so long."""
+    """Time for which the question is repeated."""
 
 
-class OtherStop(_Described):
-    """A further way to stop the device, tried when it does not obey its stop order."""
+class OtherStop(Described):
+    """A further method to stop the device, used when the device does not obey its stop order."""
 
     says: str = Field(min_length=1)
-    """What it does, for a person."""
+    """What the method does, for the operator."""
     steps: list[Step] = Field(min_length=1)
 
 
-class ChecksumText(_Described):
+class ChecksumText(Described):
     """A checksum at the end of each line."""
 
     kind: CheckKind
     lead: str = ""
 
 
-class TextProtocol(_Described):
-    """A whole description."""
+class TextProtocol(DeviceDescription):
+    """The description of a device that is controlled by text."""
 
     protocol: Literal["ascii"]
-    name: str
-    source: str
-    confirmed: bool = False
-    """True only where the device itself was seen to move as described; otherwise motion asks for `confirmed: true` in the configuration."""
-    notes: str = ""
     serial: SerialConfig = SerialConfig(baud=9600, parity="none", slowest_s=0.5)
     ends: str = "\r\n"
-    """Of each line of a reply."""
+    """End of each line of a reply."""
     checksum: ChecksumText | None = None
-    """On every request and on every line of a reply."""
+    """Checksum of every request and of every line of a reply."""
     refused: str = ""
-    """A reply of just this means: I do not understand, or will not."""
-    units: dict[str, str] = {}
-    """Usual units by group, where the reply does not tell."""
+    """Complete reply with which the device refuses a request."""
+    units: dict[str, str] = Field(default_factory=dict)
+    """Units by group, for replies without a unit."""
     asks: dict[str, Query]
     every_turn: list[str] = Field(min_length=1)
     """Questions of every reading, in order."""
-    identity: list[Step] = []
-    plausible: dict[str, tuple[float, float]] = {}
-    """Between which values a group lies at rest."""
-    ranges: dict[str, tuple[float, float]] = {}
-    """By group, the values at or beyond which a reading is none: the ends of the sensor."""
-    motion: dict[str, MotionState] = {}
-    """What the words of the group ``motion`` mean."""
-    valid: list[BitRule] = []
-    orders: dict[PartCommand, list[Step]] = {}
-    read_back: dict[PartCommand, list[Step]] = {}
-    """Questions about an order that are asked between the readings after it, as are those of the order that compare with ``equals``."""
-    other_stops: list[OtherStop] = []
-    """Further ways to stop, in the order in which they are tried; only what the device's documents state."""
+    identity: list[Step] = Field(default_factory=list)
+    ranges: dict[str, tuple[float, float]] = Field(default_factory=dict)
+    """Range of the sensor by group; a value at or beyond an end is no reading."""
+    motion: dict[str, MotionState] = Field(default_factory=dict)
+    """Motion state by the text of the group ``motion``."""
+    valid: list[BitRule] = Field(default_factory=list)
+    orders: dict[PartCommand, list[Step]] = Field(default_factory=dict)
+    read_back: dict[PartCommand, list[Step]] = Field(default_factory=dict)
+    """Further questions about an order, sent between the readings after it together with its own steps with ``equals``."""
+    other_stops: list[OtherStop] = Field(default_factory=list)
+    """Further methods to stop, in the order in which they are used; only those that the documents of the device state."""
 
     @property
     def check(self) -> Checksum | None:
@@ -121,7 +111,7 @@ class TextProtocol(_Described):
         return None if self.checksum is None else Checksum(self.checksum.kind, self.checksum.lead)
 
     def groups(self) -> set[str]:
-        """Everything that every reading tells."""
+        """All groups in the replies of a reading."""
         return {group for name in self.every_turn for group in re.compile(self.asks[name].reply).groupindex}
 
     @model_validator(mode="after")
@@ -133,7 +123,7 @@ class TextProtocol(_Described):
                 raise ValueError(f"{name!r} is not among asks")
         for template in (*(ask.send for ask in self.asks.values()), *(step.send for step in steps)):
             if unknown := template_fields(template) - set(ORDERED):
-                raise ValueError(f"{template!r} wants {', '.join(sorted(unknown))}; there are {', '.join(ORDERED)}")
+                raise ValueError(f"{template!r} contains {', '.join(sorted(unknown))}; there are {', '.join(ORDERED)}")
         for step in steps:
             if bool(step.send) == bool(step.ask):
                 raise ValueError("a step either sends or asks")
@@ -154,9 +144,9 @@ class TextProtocol(_Described):
 
 
 def load_dialogue(name: str) -> TextProtocol:
-    """A description by name or path.
+    """A dialogue by name or path.
 
     Raises:
-        BadConfig: if there is none, or something in it is wrong.
+        BadConfig: if it does not exist or is not valid.
     """
     return validate_map(TextProtocol, name)

@@ -1,6 +1,6 @@
-"""What a device that answers in text holds of the last order, compared with what was sent: pure decisions, the part asks the questions.
+"""Comparison of the settings of a text device with the last order: pure decisions, without IO.
 
-The values are those that a dialogue can read back: the steps of an order that compare (``equals``), and the questions under ``read_back``.
+The values are those that a dialogue can read back: the steps of an order with ``equals``, and the questions under ``read_back``.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ class Value:
     """A value of an order.
 
     Attributes:
-        name: of the value in the order, such as ``speed_mm_s``, for its unit.
-        sent: as it was ordered.
+        name: name of the value in the order, such as ``speed_mm_s``, for its unit.
+        sent: ordered value.
         tolerance: largest difference of the first answer after the order.
-        held: the first answer after the order, with which later answers are compared exactly; None before it.
+        held: the first answer after the order, which later answers must equal; None before it.
     """
 
     name: str
@@ -34,21 +34,21 @@ Memory = Mapping[tuple[str, str], Value]
 
 
 def values_of(steps: Iterable[Step], values: Mapping[str, float]) -> dict[tuple[str, str], Value]:
-    """The values of an order that can be read back, by its steps; a name that `values` does not hold is left out."""
+    """The values of an order that can be read back, by its steps; names that are not in `values` are skipped."""
     compared_steps = ((step, group, name) for step in steps for group, name in step.equals.items() if name in values)
     return {(step.ask, group): Value(name, values[name], step.tolerance) for step, group, name in compared_steps}
 
 
 def questions(memory: Memory, excluded: Iterable[str] = ()) -> Sequence[str]:
-    """The questions whose answers can be compared, each once."""
+    """The questions whose answers can be compared, each one time."""
     return sorted({ask for ask, _ in memory} - set(excluded))
 
 
 def compared(memory: Memory, ask: str, reply: Mapping[str, str | float]) -> tuple[dict[tuple[str, str], Value], str | None]:
-    """The answer to a question compared with the order.
+    """Compare the answer to a question with the order.
 
     Returns:
-        The memory, and the first difference as part of a sentence: ``its speed is 0.2 mm/s, 0.05 mm/s was ordered``.
+        The memory, and the first difference as part of a message: ``its speed is 0.2 mm/s, 0.05 mm/s was ordered``.
     """
     after, difference = dict(memory), None
     for (question, group), value in memory.items():
@@ -65,5 +65,5 @@ def compared(memory: Memory, ask: str, reply: Mapping[str, str | float]) -> tupl
 
 def without(memory: Memory, asks: Iterable[str]) -> dict[tuple[str, str], Value]:
     """The memory without the values of some questions."""
-    gone = set(asks)
-    return {key: value for key, value in memory.items() if key[0] not in gone}
+    removed = set(asks)
+    return {key: value for key, value in memory.items() if key[0] not in removed}

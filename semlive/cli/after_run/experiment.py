@@ -101,7 +101,9 @@ def decide(
 ) -> None:
     """Compare two runs with different scans, and decide between effects of the distortion and of the scan axes."""
     with multi_stage_progress() as progress:
-        decision = compare_logs((log, other), progress, (model_of(log) if model is None else compatible_model(log, model)).effect_model.effects)
+        decision = compare_logs(
+            (log, other), progress, (model_of(log) if model is None else compatible_model(log, model)).effect_model.effects
+        )
     if as_json:
         typer.echo(json.dumps(decision_json(decision)))
         return

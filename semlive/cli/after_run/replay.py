@@ -12,8 +12,8 @@ from rich.console import Console
 
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.cli.shared.tables import comparison_table, pair_status_line, result_table
-from semlive.errors import BadInput
 from semlive.data.frame import FrameOrigin
+from semlive.errors import BadInput
 from semlive.service.analysis.result_json import json_differences, result_json
 from semlive.service.config.overrides import parse_changes
 from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, ReplayResult, Source, require_calibration

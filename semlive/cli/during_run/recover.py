@@ -73,7 +73,8 @@ def _lines(segment: RepairSummary) -> list[str]:
     if segment.was_intact:
         return [f"{segment.path}: intact, {messages} messages"]
     lines = [
-        f"{segment.path}: recovered, {messages} messages" + ("" if segment.original is None else f"; the original is {segment.original.name}")
+        f"{segment.path}: recovered, {messages} messages"
+        + ("" if segment.original is None else f"; the original is {segment.original.name}")
     ]
     lines += [f"  {_damage_line(damage)}" for damage in segment.damage]
     lost = ", ".join(f"{count} of {topic}" for topic, count in segment.lost.items())

@@ -20,8 +20,8 @@ from semlive.engine import OperatorCommand
 from semlive.errors import BadConfig, SemliveError
 from semlive.service.config.configuration import load_config
 from semlive.service.config.plausibility import refuse_unusual
-from semlive.service.daemon import RunInterface, run_experiment
 from semlive.service.control.socket import SocketAddress
+from semlive.service.daemon import RunInterface, run_experiment
 from semlive.service.diagnosis.model_file import config_with_model
 from semlive.service.log.alarms import ACKNOWLEDGE, AcknowledgeAll
 from semlive.service.runtime.drivers import operator_interfaces

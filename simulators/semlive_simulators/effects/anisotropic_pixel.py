@@ -1,4 +1,4 @@
-"""Pixels are wider than they are high."""
+"""Pixels are wider than high."""
 
 from __future__ import annotations
 
@@ -28,5 +28,5 @@ class AnisotropicPixel(Effect):
         return cls(pick_by_magnification(magnification, 0.01, 0.01))
 
     def deflection(self, at: Instants) -> Array:
-        """The same at all times."""
+        """Constant in time."""
         return np.broadcast_to(np.array([[self.x_excess, 0.0], [0.0, 0.0]]), (at.time_s.size, 2, 2))

@@ -1,4 +1,4 @@
-"""The gains of the scan amplifiers wander apart with temperature."""
+"""The gains of the two scan amplifiers drift differently with temperature."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class AspectDrift(Effect):
     """(u, v) = s(T) (x - xc, -(y - yc)), s = change (1 - exp(-T / tau)).
 
     Attributes:
-        change: in all.
+        change: total change.
         time_constant_s: tau.
     """
 
@@ -30,5 +30,5 @@ class AspectDrift(Effect):
         return cls(pick_by_magnification(magnification, 5e-5, 5e-5), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
-        """Wider and lower."""
+        """A stretch along x and a compression along y."""
         return exponential_approach(at.time_s, self.change, self.time_constant_s)[:, None, None] * np.array([[1.0, 0.0], [0.0, -1.0]])

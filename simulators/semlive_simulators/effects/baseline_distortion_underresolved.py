@@ -1,4 +1,4 @@
-"""Distortion with more detail in space than a spline of few knots can follow."""
+"""Distortion with more spatial detail than a spline with few knots can represent."""
 
 from __future__ import annotations
 
@@ -30,6 +30,6 @@ class BaselineDistortionUnderresolved(Effect):
         return cls(pick_by_magnification(magnification, 0.05, 0.05), 110.0)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """A grid of hills."""
+        """A periodic field in x and y."""
         x, y = 2 * np.pi * at.x_px / self.wavelength_px, 2 * np.pi * at.y_px / self.wavelength_px
         return self.amplitude_px * np.sin(x) * np.cos(y), self.amplitude_px * np.cos(x) * np.sin(y)

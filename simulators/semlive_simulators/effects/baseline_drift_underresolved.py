@@ -1,4 +1,4 @@
-"""Drift with more detail in time than a spline of few knots can follow."""
+"""Drift with more detail in time than a spline with few knots can represent."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class BaselineDriftUnderresolved(Effect):
         sd_px: A, root mean square over time in each axis.
         shortest_period_s: first P_k.
         longest_period_s: last P_k.
-        seed: of the phases, which are normal numbers of turns.
+        seed: seed of the phases, which are normally distributed numbers of turns.
     """
 
     name: ClassVar[str] = "baseline_drift_underresolved"
@@ -36,7 +36,7 @@ class BaselineDriftUnderresolved(Effect):
         return cls(pick_by_magnification(magnification, 0.1, 2.0), 30.0, 240.0)
 
     def drift_px(self, at: Instants) -> Array:
-        """Both axes independent."""
+        """Independent drifts of both axes."""
         periods_s = np.geomspace(self.shortest_period_s, self.longest_period_s, 12)
         drift = np.empty((at.time_s.size, 2))
         for axis in range(2):

@@ -1,4 +1,4 @@
-"""The load does not pass through the middle of the sheet and bends it in its plane."""
+"""The load acts outside the centre line of the sheet and bends it in its plane."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class BendingMisalignment(Effect):
         return cls(pick_by_magnification(magnification, 7e-8, 7e-8), 0.33)
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
-        """A beam bent to a circle."""
+        """The displacement of a beam with constant curvature."""
         centre = at.scan.centre_px
         x, y = x_px - centre[0], y_px - centre[1]
         k = self.curvature_per_mm_n * at.load_n * at.scan.pixel_size_um * 1e-3

@@ -1,4 +1,4 @@
-"""Odd rows run from right to left, and the beam lags behind in both directions."""
+"""Odd rows are scanned from right to left, with a lag of the beam in both directions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class BidirectionalScan(Effect):
     """t = (W - 1 - x) t_D + y t_R in odd rows; u = (-1)^y lag / 2.
 
     Attributes:
-        lag_px: how far rows of one direction lie beside those of the other.
+        lag_px: offset between rows of the two directions, px.
     """
 
     name: ClassVar[str] = "bidirectional_scan"
@@ -29,9 +29,9 @@ class BidirectionalScan(Effect):
         return cls(pick_by_magnification(magnification, 1.0, 1.0))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
-        """Odd rows are reversed."""
+        """Reverse the odd rows."""
         return replace(timing, reversed_rows=np.arange(scan.height_px) % 2 == 1)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """Alternates from row to row."""
+        """An offset of alternating sign from row to row."""
         return np.where(at.y_px % 2 == 1, -0.5, 0.5) * self.lag_px, np.zeros((1, 1))

@@ -1,4 +1,4 @@
-"""The specimen charges up during each frame, the more the longer it has been scanned; the image brightens with it."""
+"""The specimen charges during each frame, more with the total scan time; the image becomes brighter."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ChargingFrameRamp(Effect):
     Attributes:
         x_px: A in x.
         y_px: A in y.
-        brightness_levels: the same for grey.
+        brightness_levels: A of the grey level.
         charging_s: tau_c.
         dose_s: T_d.
     """
@@ -39,10 +39,10 @@ class ChargingFrameRamp(Effect):
         return np.expm1(-at.in_frame_s / self.charging_s) * np.expm1(-at.start_s / self.dose_s)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """The field pushes the beam aside."""
+        """The electric field deflects the beam."""
         charge = self._charge(at)
         return self.x_px * charge, self.y_px * charge
 
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
-        """The field pushes electrons towards the detector."""
+        """The electric field directs electrons to the detector."""
         return grey + self.brightness_levels * self._charge(at)

@@ -1,4 +1,4 @@
-"""Charge breaks down now and then: the image jumps, with a flash."""
+"""Electrical breakdowns at random times: the image jumps, with a flash."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class ChargingJump(Effect):
     """(u, v) += J_k H(T - T_k), T_k = (k + U_k) mean interval, U_k uniform, J_k normal; grey rises for the length of the flash.
 
     Attributes:
-        sd_px: of J_k in each axis.
-        mean_interval_s: between breakdowns.
-        flash_levels: how much brighter.
-        flash_s: how long.
-        seed: of J and U.
+        sd_px: standard deviation of J_k in each axis.
+        mean_interval_s: mean time between breakdowns.
+        flash_levels: grey levels of a flash.
+        flash_s: duration of a flash.
+        seed: seed of J and U.
     """
 
     name: ClassVar[str] = "charging_jump"
@@ -39,13 +39,13 @@ class ChargingJump(Effect):
         return cls(pick_by_magnification(magnification, 1.0, 10.0), 1200.0, 25.0, 0.3)
 
     def instants_s(self, until_s: float) -> Array:
-        """T_k of all breakdowns that can have happened."""
+        """T_k of all breakdowns that are possible up to a time."""
         count = max(1, int(until_s / self.mean_interval_s) + 1)
         share = np.array([0.5 * (1 + math.erf(z / math.sqrt(2))) for z in gaussians(self.seed, 50, 0, count)])
         return np.asarray((np.arange(count) + share) * self.mean_interval_s, dtype=np.float64)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """From one pixel to the next."""
+        """A jump between two pixels."""
         u, v = np.zeros((1, 1)), np.zeros((1, 1))
         first, last = float(at.time_s.min()), float(at.time_s.max())
         for number, time_s in enumerate(self.instants_s(last)):
@@ -56,7 +56,7 @@ class ChargingJump(Effect):
         return u, v
 
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
-        """Flashes."""
+        """Add the flashes."""
         for time_s in self.instants_s(float(at.time_s.max())):
             grey = grey + self.flash_levels * ((at.time_s >= time_s) & (at.time_s < time_s + self.flash_s))
         return grey

@@ -1,4 +1,4 @@
-"""Charged grains bend the beam around them and look brighter; they stick to the specimen."""
+"""Charged grains on the specimen deflect the beam around them and are brighter."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ChargingLocalLens(Effect):
     Attributes:
         peak_px: q0.
         width_px: w.
-        brightness_levels: grey in a grain's middle when fully charged, falling as a Gaussian of standard deviation w.
+        brightness_levels: grey levels in the centre of a fully charged grain, a Gaussian of standard deviation w.
         charging_s: tau.
         grains_px: (x, y) of each grain on the specimen, r_j.
     """
@@ -45,7 +45,7 @@ class ChargingLocalLens(Effect):
         return cls(pick_by_magnification(magnification, 0.3, 2.0), 80.0, 10.0, 900.0, ((310.0, 250.0), (720.0, 610.0)))
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
-        """Away from each grain."""
+        """A displacement away from each grain."""
         charge = exponential_approach(at.time_s, self.peak_px, self.charging_s)
         u, v = np.zeros(x_px.shape), np.zeros(x_px.shape)
         for grain_x, grain_y in self.grains_px:
@@ -55,7 +55,7 @@ class ChargingLocalLens(Effect):
         return u, v
 
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
-        """Brighter around each grain."""
+        """Add the brightness around each grain."""
         charge = exponential_approach(at.time_s, self.brightness_levels, self.charging_s)
         for grain_x, grain_y in self.grains_px:
             square = (x_px - grain_x) ** 2 + (y_px - grain_y) ** 2

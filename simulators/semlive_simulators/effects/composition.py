@@ -1,4 +1,4 @@
-"""Several effects at once."""
+"""Combination of several effects."""
 
 from __future__ import annotations
 
@@ -36,25 +36,25 @@ from semlive_simulators.specimen.specimen import Motion
 
 @dataclass(frozen=True, slots=True)
 class EffectSet:
-    """The effects that are switched on, none by default; sums are in their order."""
+    """The active effects, none by default; sums are in their order."""
 
     members: tuple[Effect, ...] = ()
 
     def __post_init__(self) -> None:
         names = [member.name for member in self.members]
         if len(set(names)) < len(names):
-            raise ValueError(f"an effect is there twice: {', '.join(names)}")
+            raise ValueError(f"an effect is listed twice: {', '.join(names)}")
 
     @property
     def by_pixel(self) -> bool:
-        """Whether anything must be worked out pixel by pixel."""
+        """Whether an effect must be evaluated at each pixel."""
         return any(
             isinstance(member, PixelOffsetEffect | DeformationEffect | ProbeEffect | IntensityEffect | NoiseEffect)
             for member in self.members
         )
 
     def timing(self, scan: Scan) -> Timing:
-        """When pixels are truly visited."""
+        """True times at which pixels are visited."""
         result = timing(scan)
         for member in self.members:
             if isinstance(member, TimingEffect):
@@ -63,13 +63,13 @@ class EffectSet:
 
     def deflection(self, at: Instants) -> Array | None:
         """Sum of the deflections, (n, 2, 2); None without any."""
-        found = [member.deflection(at) for member in self.members if isinstance(member, ScanEffect)]
-        return np.sum(found, axis=0) if found else None
+        terms = [member.deflection(at) for member in self.members if isinstance(member, ScanEffect)]
+        return np.sum(terms, axis=0) if terms else None
 
     def drift_px(self, at: Instants) -> Array | None:
         """Sum of the drifts, (n, 2); None without any."""
-        found = [member.drift_px(at) for member in self.members if isinstance(member, DriftEffect)]
-        return np.sum(found, axis=0) if found else None
+        terms = [member.drift_px(at) for member in self.members if isinstance(member, DriftEffect)]
+        return np.sum(terms, axis=0) if terms else None
 
     def offset_px(self, at: PixelVisits) -> list[Plane]:
         """The offsets of every effect that has one."""
@@ -80,12 +80,12 @@ class EffectSet:
         return [member.material_px(x_px, y_px, at) for member in self.members if isinstance(member, DeformationEffect)]
 
     def absent(self, x_px: Array, y_px: Array, at: PixelVisits) -> NDArray[np.bool_]:
-        """Which material points no longer exist."""
-        gone = np.zeros(np.broadcast_shapes(x_px.shape, y_px.shape), dtype=bool)
+        """Whether material points do not exist."""
+        absent = np.zeros(np.broadcast_shapes(x_px.shape, y_px.shape), dtype=bool)
         for member in self.members:
             if isinstance(member, HoleEffect):
-                gone |= member.absent(x_px, y_px, at)
-        return gone
+                absent |= member.absent(x_px, y_px, at)
+        return absent
 
     @property
     def deforming(self) -> bool:
@@ -93,7 +93,7 @@ class EffectSet:
         return any(isinstance(member, DeformationEffect) for member in self.members)
 
     def moved(self, at: Instants) -> Motion:
-        """The motion of the specimen, the effects' share included, at instants (n,)."""
+        """The motion of the specimen with all effects at instants (n,)."""
         motion = at.motion.at(at.time_s)
         for member in self.members:
             if isinstance(member, SpecimenMotionEffect):
@@ -102,16 +102,16 @@ class EffectSet:
         return motion
 
     def plastic_strain(self, peak_n: float) -> float:
-        """Sum of the plastic strains along y after a load was the highest so far."""
+        """Sum of the plastic strains along y after a highest load so far, N."""
         peak = np.array([peak_n])
         return float(sum(member.plastic_strain(peak)[0] for member in self.members if isinstance(member, PlasticityEffect)))
 
     def optics(self) -> Optics:
-        """What probe, pattern and detector become."""
+        """The effects on probe, pattern and detector."""
         return Optics(self.members)
 
     def readings(self) -> SensorEffects:
-        """What load cell, extension and clock say."""
+        """The effects on load cell, extension and clock."""
         return SensorEffects(self.members)
 
 
@@ -134,7 +134,7 @@ class Optics:
         return probe
 
     def speckle(self, speckle: Pattern) -> Pattern:
-        """The pattern."""
+        """The changed pattern."""
         for member in self.members:
             if isinstance(member, SpeckleEffect):
                 speckle = member.changed(speckle)
@@ -157,26 +157,26 @@ class Optics:
 
 @dataclass(frozen=True, slots=True)
 class SensorEffects:
-    """The effects on what instruments say."""
+    """The effects on readings of instruments."""
 
     members: tuple[Effect, ...]
 
     def load_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
-        """What the load cell says."""
+        """The reading of the load cell, N."""
         for member in self.members:
             if isinstance(member, LoadCellEffect):
                 reading_n = member.load_reading_n(reading_n, time_s, motion)
         return reading_n
 
     def extension_mm(self, reading_mm: float, load_n: float) -> float:
-        """What the extension says."""
+        """The reading of the extension, mm."""
         for member in self.members:
             if isinstance(member, ExtensometerEffect):
                 reading_mm = member.extension_reading_mm(reading_mm, load_n)
         return reading_mm
 
     def specimen_strain(self, time_s: float, motion: Motion, scan: Scan) -> float:
-        """The strain along y that a gage sees besides elastic and plastic strain."""
+        """Strain along y of a gage in addition to elastic and plastic strain."""
         at = Instants(np.array([time_s]), time_s, 0, scan, motion)
         moving = [
             member for member in self.members if isinstance(member, SpecimenMotionEffect) and not isinstance(member, PlasticityEffect)
@@ -184,7 +184,7 @@ class SensorEffects:
         return float(sum(member.specimen_gradient(at)[0, 1, 1] for member in moving))
 
     def stamp_s(self, true_s: float) -> float:
-        """What the microscope's clock shows."""
+        """Time on the clock of the microscope, seconds since the run began."""
         for member in self.members:
             if isinstance(member, TimestampEffect):
                 true_s = member.stamp_s(true_s)

@@ -1,4 +1,4 @@
-"""Carbon grows where the beam has been: darker and with less contrast, only inside the box that was scanned."""
+"""Carbon is deposited by the beam: less brightness and contrast inside the scanned box."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Contamination(Effect):
 
     Attributes:
         loss_per_s: c.
-        box_width_px: of the box on the specimen.
-        box_height_px: likewise.
+        box_width_px: width of the box on the specimen.
+        box_height_px: height of the box.
     """
 
     name: ClassVar[str] = "contamination"
@@ -32,7 +32,7 @@ class Contamination(Effect):
         return cls(pick_by_magnification(magnification, 2e-5, 5e-5), 1000.0, 860.0)
 
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
-        """Darker inside the box."""
+        """Reduce the grey levels inside the box."""
         centre = at.scan.centre_px
         inside = (np.abs(x_px - centre[0]) <= 0.5 * self.box_width_px) & (np.abs(y_px - centre[1]) <= 0.5 * self.box_height_px)
         return grey * np.where(inside, np.maximum(0.2, 1 - self.loss_per_s * at.time_s), 1.0)

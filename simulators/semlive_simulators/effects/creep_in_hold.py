@@ -1,4 +1,4 @@
-"""The specimen goes on stretching while the load is held."""
+"""The specimen creeps during a hold."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class CreepInHold(Effect):
         return cls(pick_by_magnification(magnification, 6e-8, 6e-8), 10.0, 0.33)
 
     def specimen_shift_px(self, at: Instants) -> Array:
-        """The centre stays."""
+        """Zero: the centre does not move."""
         return np.zeros((at.time_s.size, 2))
 
     def specimen_gradient(self, at: Instants) -> Array:
-        """Uniaxial."""
+        """Uniaxial strain along y."""
         strain = np.zeros(at.time_s.size)
         for step in at.motion.history.load_steps:
             elapsed_s = np.maximum(at.time_s - step.time_s, 0.0)

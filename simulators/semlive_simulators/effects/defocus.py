@@ -1,4 +1,4 @@
-"""The focus wanders: the probe widens, and the magnification changes with it."""
+"""The focus drifts: the probe becomes wider, and the magnification changes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Defocus(Effect):
         blur_px_per_s: r.
         magnification_per_px: m, relative change per px of blur.
         astigmatism_px_per_s: a.
-        axis_rad: where the longer axis of the probe lies, from x towards y.
+        axis_rad: angle of the longer axis of the probe, from x to y.
     """
 
     name: ClassVar[str] = "defocus"
@@ -35,12 +35,12 @@ class Defocus(Effect):
         return cls(pick_by_magnification(magnification, 1e-4, 1e-4), 2e-4)
 
     def blur_px2(self, at: Instants) -> Array:
-        """Grows with time."""
+        """A covariance that grows with the square of time."""
         cos, sin = math.cos(self.axis_rad), math.sin(self.axis_rad)
-        turn = np.array([[cos, -sin], [sin, cos]])
+        rotation = np.array([[cos, -sin], [sin, cos]])
         rates = np.diag([(self.blur_px_per_s + self.astigmatism_px_per_s) ** 2, (self.blur_px_per_s - self.astigmatism_px_per_s) ** 2])
-        return at.time_s[:, None, None] ** 2 * (turn @ rates @ turn.T)
+        return at.time_s[:, None, None] ** 2 * (rotation @ rates @ rotation.T)
 
     def deflection(self, at: Instants) -> Array:
-        """Isotropic."""
+        """An isotropic change of magnification."""
         return isotropic(self.magnification_per_px * self.blur_px_per_s * at.time_s)

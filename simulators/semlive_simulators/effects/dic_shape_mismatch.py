@@ -1,4 +1,4 @@
-"""Deformation that is curved within a subset: shape functions of first order miss about D'' subset^2 / 24 of it."""
+"""Deformation that is curved within a subset: first-order shape functions have an error of about D'' subset^2 / 24."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class DicShapeMismatch(Effect):
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> DicShapeMismatch:
-        """0.2 px at 2200 N, of which subsets of 43 px miss 0.017 px."""
+        """0.2 px at 2200 N, with an error of 0.017 px in subsets of 43 px."""
         return cls(pick_by_magnification(magnification, 1e-4, 1e-4), 200.0)
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:

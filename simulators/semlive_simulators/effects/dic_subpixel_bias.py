@@ -1,4 +1,4 @@
-"""Dots or islands with edges too sharp for the pixels: interpolating between them is wrong by a wave over the fraction of a pixel."""
+"""Dots or islands with edges sharper than a pixel: interpolation has a periodic error over the fraction of a pixel."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from semlive_simulators.microscope.patterns import Pattern
 
 @dataclass(frozen=True, slots=True)
 class DicSubpixelBias(Effect):
-    """The half width of their edges is multiplied. Nothing moves: whatever correlation sees of it is its own bias.
+    """The half width of the edges is multiplied by a factor. Nothing moves: any displacement in the result is a bias of correlation.
 
     Attributes:
-        edge_factor: at most 1.
+        edge_factor: the factor, at most 1.
     """
 
     name: ClassVar[str] = "dic_subpixel_bias"
@@ -31,5 +31,5 @@ class DicSubpixelBias(Effect):
         return cls(pick_by_magnification(magnification, 0.16, 0.16))
 
     def changed(self, speckle: Pattern) -> Pattern:
-        """Sharper."""
+        """The pattern with sharper edges."""
         return speckle.with_sharper_edges(self.edge_factor)

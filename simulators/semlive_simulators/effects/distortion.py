@@ -1,6 +1,6 @@
-"""Spatial distortion: the raster is bent, the same in every frame (Sutton 2007: a cosine wave plus a quadratic surface).
+"""Spatial distortion of the raster, equal in all frames (Sutton 2007: a cosine wave plus a quadratic surface).
 
-A second wave, and what the beam has not yet settled from where a line and a frame begin, make fields as an SEM has them.
+A second wave, and the settling of the beam at the start of a line and of a frame, give fields like those of an SEM.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ class AxisDistortion:
     """One component over X, Y, which run from -1 to 1 across the frame.
 
     Attributes:
-        constant_px: everywhere.
+        constant_px: constant offset.
         xx_px: coefficient of X squared.
         xy_px: coefficient of X Y.
         yy_px: coefficient of Y squared.
         wave_px: amplitude of the wave.
-        wave_x: its periods across the frame's width.
-        wave_y: its periods across the frame's height.
-        wave_phase_rad: its phase in the centre.
+        wave_x: periods of the wave across the width of the frame.
+        wave_y: periods of the wave across the height of the frame.
+        wave_phase_rad: phase of the wave in the centre.
         ripple_px: amplitude of a second wave.
-        ripple_x: its periods across the frame's width.
-        ripple_y: its periods across the frame's height.
-        ripple_phase_rad: its phase in the centre.
-        left_px: at the left edge, where lines begin, gone exponentially to the right.
-        left_reach: distance on which it falls by e, as a fraction of the frame's width.
-        top_px: at the top edge, where the frame begins, gone exponentially downwards.
-        top_reach: distance on which it falls by e, as a fraction of the frame's height.
+        ripple_x: periods of the second wave across the width of the frame.
+        ripple_y: periods of the second wave across the height of the frame.
+        ripple_phase_rad: phase of the second wave in the centre.
+        left_px: offset at the left edge, the start of lines, which decays exponentially to the right.
+        left_reach: decay length by a factor e, as a fraction of the width of the frame.
+        top_px: offset at the top edge, the start of the frame, which decays exponentially downwards.
+        top_reach: decay length by a factor e, as a fraction of the height of the frame.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -63,13 +63,13 @@ class AxisDistortion:
         wave = np.cos(np.pi * (self.wave_x * X + self.wave_y * Y) + self.wave_phase_rad)
         plain = self.constant_px + self.xx_px * X * X + self.xy_px * X * Y + self.yy_px * Y * Y + self.wave_px * wave
         ripple = self.ripple_px * np.cos(np.pi * (self.ripple_x * X + self.ripple_y * Y) + self.ripple_phase_rad)
-        left = self.left_px * np.exp(-(X + 1.0) / (2.0 * self.left_reach))
-        return plain + ripple + left + self.top_px * np.exp(-(Y + 1.0) / (2.0 * self.top_reach))
+        left_edge = self.left_px * np.exp(-(X + 1.0) / (2.0 * self.left_reach))
+        return plain + ripple + left_edge + self.top_px * np.exp(-(Y + 1.0) / (2.0 * self.top_reach))
 
 
 @dataclass(frozen=True, slots=True)
 class Distortion:
-    """E(R): scan address minus where the beam ought to be, at scan address R."""
+    """E(R): scan address minus nominal beam position, at scan address R."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 

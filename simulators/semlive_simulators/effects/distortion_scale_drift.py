@@ -1,4 +1,4 @@
-"""Working distance or high voltage wander, and the distortion grows or shrinks with them."""
+"""Working distance or high voltage drift, and the distortion changes in proportion."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class DistortionScaleDrift(Effect):
     """(u, v) = eta(T) E(R), eta = change (1 - exp(-T / tau)).
 
     Attributes:
-        change: relative change of the distortion in all.
+        change: total relative change of the distortion.
         time_constant_s: tau.
     """
 
@@ -28,6 +28,6 @@ class DistortionScaleDrift(Effect):
         return cls(pick_by_magnification(magnification, 0.1, 0.1), 3600.0)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """The distortion, scaled."""
+        """A fraction of the distortion."""
         eta = exponential_approach(at.time_s, self.change, self.time_constant_s)
         return eta * at.distortion_px[0], eta * at.distortion_px[1]

@@ -1,9 +1,9 @@
-"""Distortions with a name, for scenarios.
+"""Named distortions for scenarios.
 
-The fields of the paper's Fig. 11 survive only as what its text says of them: their ranges, and the strain errors that a translation
-by 5 px makes of them (its Fig. 16, stated for x10,000, "similar results" for x200). Quadratic surface, two oblique waves and a
-beam that settles where lines and frames begin were fitted to those ten numbers over the paper's field of 150 x 120 points, and meet
-them within 1 %:
+Of the fields in Fig. 11 of the paper, only these values of its text are available: their ranges, and the strain errors of a translation by
+5 px (its Fig. 16, stated for x10,000, "similar results" for x200). A quadratic surface, two oblique waves and the settling of the beam at
+the start of lines and frames were fitted to these ten numbers over the field of the paper (150 x 120 points), and agree with them within
+1 %:
 
 =========  ===================  ===================  =========================================================
 field      x                    y                    strain errors for 5 px in x and y: exx, exy, eyy (1e-4)
@@ -43,14 +43,14 @@ SHAPES: dict[str, Distortion] = {
         ),
     ),
 }  # fmt: skip
-"""By name, as a scenario says ``distortion: fig11_x200``."""
+"""Distortions by name, for ``distortion: fig11_x200`` in a scenario."""
 
 
 def named(chosen: object) -> object:
-    """A distortion by its name; whatever is no name is handed on.
+    """A distortion by its name; other values are returned unchanged.
 
     Raises:
-        ValueError: there is none of that name.
+        ValueError: if no distortion has the name.
     """
     if not isinstance(chosen, str):
         return chosen

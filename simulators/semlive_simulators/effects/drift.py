@@ -1,4 +1,4 @@
-"""Drift: the beam wanders while the column warms up, and slowly ever after."""
+"""Drift of the beam: during the warm-up of the column, and slowly after it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pydantic import ConfigDict
 
 @dataclass(frozen=True, slots=True)
 class AxisDrift:
-    """Drift of one axis: an exponential approach plus a slow polynomial. Jumps and random walks are effects of their own.
+    """Drift of one axis: an exponential approach plus a slow polynomial. Jumps and random walks are separate effects.
 
     Attributes:
-        warmup_px: what the warm-up moves in all.
-        warmup_s: its time constant.
+        warmup_px: total drift of the warm-up.
+        warmup_s: time constant of the warm-up.
         linear_px_s: constant rate.
         quadratic_px_s2: coefficient of t squared.
         cubic_px_s3: coefficient of t cubed.
@@ -37,7 +37,7 @@ class AxisDrift:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Drift of the image in both axes; positive moves what is seen to the right and down."""
+    """Drift of the image in both axes; positive moves the image to the right and down."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 

@@ -1,4 +1,4 @@
-"""A grip slips, a charge breaks down, metal clicks as it cools: a jump in the middle of a frame, and it stays."""
+"""A permanent jump within a frame, as by a slipping grip, an electrical breakdown or thermal stress."""
 
 from __future__ import annotations
 
@@ -30,6 +30,6 @@ class DriftJump(Effect):
         return cls(pick_by_magnification(magnification, 0.3, 3.0), pick_by_magnification(magnification, 0.5, 5.0), 600.0)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """From one pixel to the next."""
+        """A jump between two pixels."""
         step = step_function(at.time_s, self.at_s)
         return self.x_px * step, self.y_px * step

@@ -1,4 +1,4 @@
-"""The beam has not come to rest when a row begins: inductance of the coils, slew of the amplifier, eddy currents."""
+"""The beam settles at the start of each row: inductance of the coils, slew rate of the amplifier, eddy currents."""
 
 from __future__ import annotations
 
@@ -30,5 +30,5 @@ class FlybackSettling(Effect):
         return cls(pick_by_magnification(magnification, 0.5, 3.0), pick_by_magnification(magnification, 5e-4, 2e-4))
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """Falls from the left edge."""
+        """An exponential decay from the left edge."""
         return self.amplitude_px * np.exp(-at.x_px * at.scan.dwell_time_s / self.settling_s), np.zeros((1, 1))

@@ -1,4 +1,4 @@
-"""A frame is the mean of several fast scans that together last as long as the one that the header speaks of."""
+"""A frame is the mean of several fast scans with the total duration in the file header."""
 
 from __future__ import annotations
 

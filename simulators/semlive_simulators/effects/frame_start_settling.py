@@ -1,4 +1,4 @@
-"""The beam has not come to rest when a scan begins: frame fly-back, relaxation of coils and lens."""
+"""The beam settles at the start of a scan: frame fly-back, relaxation of coils and lens."""
 
 from __future__ import annotations
 
@@ -36,6 +36,6 @@ class FrameStartSettling(Effect):
         )
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """Falls from the upper edge."""
-        fall = np.exp(-at.y_px * at.scan.row_time_s / self.settling_s)
-        return self.amplitude_x_px * fall, self.amplitude_y_px * fall
+        """An exponential decay from the upper edge."""
+        decay = np.exp(-at.y_px * at.scan.row_time_s / self.settling_s)
+        return self.amplitude_x_px * decay, self.amplitude_y_px * decay

@@ -1,4 +1,4 @@
-"""Guides rub: the load cell feels more than the specimen while loading, less while unloading."""
+"""Friction of guides: the load cell measures more than the load of the specimen during loading, and less during unloading."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ class FrictionHysteresis(Effect):
         return cls(pick_by_magnification(magnification, 15.0, 15.0))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
-        """Against the motion."""
+        """Add friction in the direction of the last load step."""
         changes_n = [step.change_n for step in motion.history.load_steps if step.time_s <= time_s and step.change_n != 0]
         return reading_n + (math.copysign(self.friction_n, changes_n[-1]) if changes_n else 0.0)

@@ -1,4 +1,4 @@
-"""Somebody turns brightness or contrast, or the microscope does it by itself."""
+"""The operator or the microscope changes brightness or contrast."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class GammaChange(Effect):
         gain: a.
         gamma: g.
         offset_levels: b.
-        at_s: when, seconds since the run began.
+        at_s: time of the change, seconds since the run began.
     """
 
     name: ClassVar[str] = "gamma_change"
@@ -30,10 +30,10 @@ class GammaChange(Effect):
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> GammaChange:
-        """A little flatter and darker after ten minutes."""
+        """A slightly lower contrast and brightness after ten minutes."""
         return cls(pick_by_magnification(magnification, 1.05, 1.05), 0.9, -8.0, 600.0)
 
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
-        """Another curve."""
+        """Apply the changed response curve."""
         changed = 255.0 * self.gain * (np.maximum(grey, 0.0) / 255.0) ** self.gamma + self.offset_levels
         return np.where(at.time_s >= self.at_s, changed, grey)

@@ -1,4 +1,4 @@
-"""Grains of the metal look different: electrons channel into some lattices deeper than into others."""
+"""Grains of the metal have different grey levels by electron channelling."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from semlive_simulators.kernels.grains import grain_grey
 
 @dataclass(frozen=True, slots=True)
 class GrainContrast(Effect):
-    """Voronoi grains, stretched along y (the rolling direction), each with a grey offset of its own.
+    """Voronoi grains, stretched along y (the rolling direction), each with its own grey offset.
 
     Attributes:
-        seed: which grains.
+        seed: seed of the grains.
         width_px: mean width of a grain.
         length_px: mean length along y.
         levels: largest offset, grey levels of 8 bit; offsets are uniform between plus and minus that.
@@ -39,5 +39,5 @@ class GrainContrast(Effect):
         return cls(1, pick_by_magnification(magnification, 120.0, 200.0), pick_by_magnification(magnification, 480.0, 400.0), 12.0)
 
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
-        """Each grain's offset."""
+        """Add the offset of each grain."""
         return grey + self.levels * grain_grey(x_px, y_px, self.seed, self.width_px, self.length_px, self.edge_px)

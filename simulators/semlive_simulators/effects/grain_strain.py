@@ -1,4 +1,4 @@
-"""Grains yield differently: strain varies from grain to grain about its mean. It is signal, not error."""
+"""Grains yield differently: strain varies from grain to grain about its mean. This is a quantity to measure, not an error."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from semlive_simulators.kernels.grains import smooth_field
 class GrainStrain(Effect):
     """A smooth random displacement (v, -v' / 2) F s L / k; its strain along y has the standard deviation s F.
 
-    v and v' are sums of bumps (1 - r^2 / L^2)^4 of random place and sign, standard deviation 1; their slopes have the standard
+    v and v' are sums of bumps (1 - r^2 / L^2)^4 of random position and sign, standard deviation 1; their slopes have the standard
     deviation k / L, k = sqrt(36 / 7).
 
     Attributes:
-        seed: which grains.
-        grain_px: L, about the size of a grain.
+        seed: seed of the grains.
+        grain_px: L, approximately the size of a grain.
         strain_sd_per_n: s.
     """
 
@@ -39,7 +39,7 @@ class GrainStrain(Effect):
         return cls(2, pick_by_magnification(magnification, 160.0, 250.0), 2e-7)
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
-        """Independent along and across."""
+        """Independent fields along and across the load."""
         size_px = self.strain_sd_per_n * at.load_n * self.grain_px / math.sqrt(36.0 / 7.0)
         return (
             -0.5 * size_px * smooth_field(x_px, y_px, 2 * self.seed, self.grain_px),

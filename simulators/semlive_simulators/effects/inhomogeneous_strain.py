@@ -1,4 +1,4 @@
-"""Grains and slip bands: strain that waves along the direction of the largest shear. It is signal, not error."""
+"""Slip bands: strain that varies periodically along the direction of the largest shear. This is a quantity to measure, not an error."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class InhomogeneousStrain(Effect):
         return cls(pick_by_magnification(magnification, 1e-4, 1e-4), 250.0)
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
-        """Bands at 45 degrees sliding over each other."""
+        """A shear displacement in bands at 45 degrees."""
         centre = at.scan.centre_px
         along = (x_px - centre[0] + y_px - centre[1]) / math.sqrt(2)
         slip = self.amplitude_px_per_n * at.load_n * np.sin(2 * np.pi * along / self.wavelength_px) / math.sqrt(2)

@@ -1,4 +1,4 @@
-"""The grips are not aligned: the load shears and turns the specimen as well."""
+"""The grips are not aligned: the load also shears and rotates the specimen."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class InplaneMisalignment(Effect):
         return cls(pick_by_magnification(magnification, 5e-8, 5e-8), pick_by_magnification(magnification, 1e-7, 1e-7))
 
     def specimen_shift_px(self, at: Instants) -> Array:
-        """The centre stays."""
+        """Zero: the centre does not move."""
         return np.zeros((at.time_s.size, 2))
 
     def specimen_gradient(self, at: Instants) -> Array:
-        """Off the diagonal only."""
+        """Shear and rotation in proportion to the load."""
         load_n = at.motion.load_at(at.time_s)[:, None, None]
-        shear, turn = self.shear_per_n, self.rotation_rad_per_n
-        return load_n * np.array([[0.0, shear - turn], [shear + turn, 0.0]])
+        shear, rotation = self.shear_per_n, self.rotation_rad_per_n
+        return load_n * np.array([[0.0, shear - rotation], [shear + rotation, 0.0]])

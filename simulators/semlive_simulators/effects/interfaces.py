@@ -1,9 +1,9 @@
-"""How an effect enters the image: it implements as many of these protocols as it has ways.
+"""Protocols of effects; an effect implements each protocol through which it acts on the image or on a sensor.
 
-Signs: an offset moves what is seen to the right and down. With scan address R, distortion E, offsets b, deflection g, drift d
-and centre c, the beam is at p = c + T (1 - g)(R - E - b - c) - d, T being the scan rotation, and the material point xi seen
-there fulfils p = xi + s + G (xi - c) + w(xi). Whoever is slow (g, d, s, G) is evaluated where a row begins and ends and
-runs straight in between; whoever is not (b, w) is evaluated at every pixel.
+Signs: a positive offset moves the image to the right and down. With scan address R, distortion E, offsets b, deflection g, drift d and
+centre c, the beam is at p = c + T (1 - g)(R - E - b - c) - d, where T is the scan rotation; the material point xi at this position
+fulfils p = xi + s + G (xi - c) + w(xi). Slow quantities (g, d, s, G) are evaluated at the start and end of each row and interpolated
+linearly; b and w are evaluated at every pixel.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ Magnification: TypeAlias = Literal["x200", "x10000"]
 
 
 class Effect:
-    """What all effects have in common. Each is a frozen dataclass whose fields carry physical units.
+    """Base class of all effects. Each is a frozen dataclass whose fields have physical units.
 
     Attributes:
-        name: as in reports, and in a scenario.
-        apparent: whether what it does at material points bends the picture and not the specimen.
+        name: name in reports and scenarios.
+        apparent: whether its displacement of material points distorts the image and not the specimen.
     """
 
     __slots__ = ()
@@ -45,7 +45,7 @@ class Effect:
 
 
 def pick_by_magnification(magnification: Magnification, x200: float, x10000: float) -> float:
-    """One of two values.
+    """The value for a magnification.
 
     Raises:
         ValueError: for any other magnification.
@@ -61,10 +61,10 @@ class Instants:
 
     Attributes:
         time_s: (n,) seconds since the run began.
-        start_s: when the frame began.
-        frame: its number.
+        start_s: start of the frame, seconds since the run began.
+        frame: number of the frame.
         scan: the raster.
-        motion: of the specimen, its load and what was done to it.
+        motion: motion, load and history of the specimen.
     """
 
     time_s: Array
@@ -76,16 +76,16 @@ class Instants:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelVisits:
-    """Visits of pixels of some rows.
+    """Visits of the pixels of rows.
 
     Attributes:
-        x_px: (1, width) column.
-        y_px: (rows, 1) row.
+        x_px: (1, width) columns.
+        y_px: (rows, 1) rows.
         time_s: (rows, width) seconds since the run began.
         start_s: when the frame began.
         frame: its number.
         visit: number of the visit within the frame.
-        reversed_rows: (rows, 1) whether a row runs from right to left.
+        reversed_rows: (rows, 1) whether a row is scanned from right to left.
         scan: the raster.
         motion: of the specimen, its load and what was done to it.
         distortion_px: E at these addresses.
@@ -109,13 +109,13 @@ class PixelVisits:
 
     @property
     def from_centre_px(self) -> Plane:
-        """Columns (1, width) and rows (rows, 1) counted from the centre of the frame."""
+        """Columns (1, width) and rows (rows, 1), from the centre of the frame."""
         centre = self.scan.centre_px
         return self.x_px - centre[0], self.y_px - centre[1]
 
     @property
     def load_n(self) -> Array:
-        """(rows, 1) true load when a row is visited."""
+        """(rows, 1) true load at the start of each row, N."""
         return self.motion.load_at(self.time_s[:, :1])
 
 
@@ -125,36 +125,36 @@ def exponential_approach(time_s: Array, change: float, time_constant_s: float) -
 
 
 def step_function(time_s: Array, instant_s: float) -> Array:
-    """1 from an instant on, 0 before."""
+    """1 at and after an instant, 0 before."""
     return np.where(time_s >= instant_s, 1.0, 0.0)
 
 
 def isotropic(strength: ArrayLike) -> Array:
-    """(n, 2, 2) deflection that scales by (n,) strengths."""
+    """(n, 2, 2) isotropic deflection of (n,) strengths."""
     return np.asarray(strength, dtype=np.float64)[:, None, None] * np.eye(2)
 
 
 @runtime_checkable
 class TimingEffect(Protocol):
-    """Changes when pixels are visited."""
+    """Changes the times at which pixels are visited."""
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
-        """The timing as it truly is."""
+        """The true timing."""
         ...
 
 
 @runtime_checkable
 class ScanEffect(Protocol):
-    """Stretches, turns or shears the raster."""
+    """Stretches, rotates or shears the raster."""
 
     def deflection(self, at: Instants) -> Array:
-        """g, (n, 2, 2): what is seen moves by g (R - E - b - c)."""
+        """g, (n, 2, 2): the image moves by g (R - E - b - c)."""
         ...
 
 
 @runtime_checkable
 class DriftEffect(Protocol):
-    """Moves the whole image, slowly."""
+    """Moves the complete image slowly."""
 
     def drift_px(self, at: Instants) -> Array:
         """d, (n, 2)."""
@@ -163,7 +163,7 @@ class DriftEffect(Protocol):
 
 @runtime_checkable
 class PixelOffsetEffect(Protocol):
-    """Moves what is seen, pixel by pixel."""
+    """Moves the image at each pixel."""
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """The offset b at every scan address."""
@@ -172,7 +172,7 @@ class PixelOffsetEffect(Protocol):
 
 @runtime_checkable
 class SpecimenMotionEffect(Protocol):
-    """Moves the specimen as a whole, or strains it uniformly."""
+    """Moves the complete specimen, or strains it uniformly."""
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """s, (n, 2)."""
@@ -185,7 +185,7 @@ class SpecimenMotionEffect(Protocol):
 
 @runtime_checkable
 class DeformationEffect(Protocol):
-    """Deforms the specimen, or hangs on its material points."""
+    """Deforms the specimen, or depends on its material points."""
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """The deformation w at material points (rows, width)."""
@@ -194,10 +194,10 @@ class DeformationEffect(Protocol):
 
 @runtime_checkable
 class HoleEffect(Protocol):
-    """Takes material away."""
+    """Removes material."""
 
     def absent(self, x_px: Array, y_px: Array, at: PixelVisits) -> NDArray[np.bool_]:
-        """Which of material points (rows, width) are not there."""
+        """Whether material points (rows, width) do not exist."""
         ...
 
 
@@ -206,16 +206,16 @@ class ProbeEffect(Protocol):
     """Widens the probe."""
 
     def blur_px2(self, at: Instants) -> Array:
-        """(n, 2, 2) covariance, added to the spot's."""
+        """(n, 2, 2) covariance, added to that of the spot."""
         ...
 
 
 @runtime_checkable
 class SpeckleEffect(Protocol):
-    """Changes the pattern itself."""
+    """Changes the speckle pattern."""
 
     def changed(self, speckle: Pattern) -> Pattern:
-        """The pattern in place of the scenario's."""
+        """The changed pattern."""
         ...
 
 
@@ -224,7 +224,7 @@ class IntensityEffect(Protocol):
     """Changes the signal before noise is added."""
 
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
-        """Grey levels (rows, width) for grey levels, seen at material points (x, y)."""
+        """The changed grey levels (rows, width) at material points (x, y)."""
         ...
 
 
@@ -233,41 +233,41 @@ class NoiseEffect(Protocol):
     """Changes the variance of the noise."""
 
     def variance(self, variance: Array, grey: Array) -> Array:
-        """Variance (rows, width) in levels squared for a variance at grey levels."""
+        """The changed variance (rows, width), levels squared, at grey levels."""
         ...
 
 
 @runtime_checkable
 class PlasticityEffect(Protocol):
-    """Makes the specimen longer for good."""
+    """Elongates the specimen permanently."""
 
     def plastic_strain(self, peak_n: Array) -> Array:
-        """(n,) plastic strain along y after loads (n,) were the highest so far, N; must not fall with them."""
+        """(n,) plastic strain along y after highest loads (n,) so far, N; must not decrease."""
         ...
 
 
 @runtime_checkable
 class LoadCellEffect(Protocol):
-    """Falsifies what the load cell says."""
+    """Changes the reading of the load cell."""
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
-        """The reading in place of another."""
+        """The changed reading, N."""
         ...
 
 
 @runtime_checkable
 class ExtensometerEffect(Protocol):
-    """Falsifies what the extension says."""
+    """Changes the reading of the extension."""
 
     def extension_reading_mm(self, reading_mm: float, load_n: float) -> float:
-        """The reading in place of another, at a true load."""
+        """The changed reading at a true load, mm."""
         ...
 
 
 @runtime_checkable
 class TimestampEffect(Protocol):
-    """Falsifies the time in the files."""
+    """Changes the times in the files."""
 
     def stamp_s(self, true_s: float) -> float:
-        """Seconds that the microscope's clock shows at seconds since the run began."""
+        """Time on the clock of the microscope at a true time, both in seconds since the run began."""
         ...

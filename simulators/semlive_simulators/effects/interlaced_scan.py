@@ -1,4 +1,4 @@
-"""The even rows come first, then the odd ones."""
+"""The even rows are scanned first, then the odd ones."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class InterlacedScan(Effect):
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> InterlacedScan:
-        """There is nothing to choose."""
+        """The effect has no parameters."""
         pick_by_magnification(magnification, 0.0, 0.0)
         return cls()
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
-        """Every row begins when its field comes to it."""
+        """Set the start of each row in its field."""
         rows = np.arange(scan.height_px)
         later = ((rows % 2) * ((scan.height_px + 1) // 2) + rows // 2 - rows) * timing.row_time_s
         return replace(timing, row_start_s=timing.row_start_s + later)

@@ -12,7 +12,7 @@ from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVi
 
 @dataclass(frozen=True, slots=True)
 class JumpWithinPair(Effect):
-    """(u, v) = J from a frame on.
+    """(u, v) = J in a frame and all later ones.
 
     Attributes:
         x_px: J in x.
@@ -32,6 +32,6 @@ class JumpWithinPair(Effect):
         return cls(pick_by_magnification(magnification, 0.3, 3.0), pick_by_magnification(magnification, 0.5, 5.0), 5)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """The same everywhere."""
-        there = np.full((1, 1), 1.0 if at.frame >= self.first_frame else 0.0)
-        return self.x_px * there, self.y_px * there
+        """Equal at all pixels."""
+        jumped = np.full((1, 1), 1.0 if at.frame >= self.first_frame else 0.0)
+        return self.x_px * jumped, self.y_px * jumped

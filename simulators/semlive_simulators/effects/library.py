@@ -1,4 +1,4 @@
-"""All effects by name, and how a scenario chooses among them."""
+"""All effects by name, and the selection of a scenario."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ from semlive_simulators.effects.wrong_dwell import WrongDwell
 from semlive_simulators.effects.wrong_row_time import WrongRowTime
 
 _ALL: tuple[type[Effect], ...] = (
-    # scan: what changes the timing stands in the order in which it acts, integration after the rest
+    # scan: effects on the timing are in the order in which they act, integration last
     RowJitter,
     MainsHum,
     LineSyncHum,
@@ -132,20 +132,20 @@ _ALL: tuple[type[Effect], ...] = (
 LIBRARY: dict[str, type[Effect]] = {kind.name: kind for kind in _ALL}
 """Every effect by its name; effects act in this order."""
 MATERIAL: dict[str, type[Effect]] = {kind.name: kind for kind in (PlasticHardening, GrainStrain, GrainContrast, Hole, Notch)}
-"""What a specimen may be besides a plain elastic sheet: not wrong, but to be measured. Chosen among the effects, acts before them."""
-_KNOWN = MATERIAL | LIBRARY
-_ADAPTERS: dict[str, TypeAdapter[Effect]] = {name: TypeAdapter(kind) for name, kind in _KNOWN.items()}
+"""Properties of a specimen that is not a plain elastic sheet: no errors, but quantities to measure. They act before the effects."""
+_REGISTERED = MATERIAL | LIBRARY
+_ADAPTERS: dict[str, TypeAdapter[Effect]] = {name: TypeAdapter(kind) for name, kind in _REGISTERED.items()}
 
 
 def build_effects(chosen: object) -> EffectSet:
-    """Effects as a scenario names them.
+    """The effects of a scenario.
 
     Args:
         chosen: ``{name: parameters}``. Parameters are a mapping, or ``x200`` or ``x10000`` for the defaults there; a
-            mapping may say ``defaults: x200`` and then only what differs. None switches an effect off.
+            mapping may contain ``defaults: x200`` and only the differences. None disables an effect.
 
     Raises:
-        ValueError: an effect or a parameter is unknown, or a value is wrong.
+        ValueError: if an effect or a parameter is unknown, or a value is wrong.
     """
     if chosen is None:
         return EffectSet()
@@ -153,10 +153,10 @@ def build_effects(chosen: object) -> EffectSet:
         return chosen
     if not isinstance(chosen, dict):
         raise ValueError("effects must be a mapping from names to parameters")
-    unknown = sorted(str(name) for name in chosen if name not in _KNOWN)
+    unknown = sorted(str(name) for name in chosen if name not in _REGISTERED)
     if unknown:
         raise ValueError(f"unknown effect {', '.join(unknown)}; the known ones are {', '.join(LIBRARY | MATERIAL)}")
-    return EffectSet(tuple(_built(name, chosen[name]) for name in _KNOWN if chosen.get(name) is not None))
+    return EffectSet(tuple(_built(name, chosen[name]) for name in _REGISTERED if chosen.get(name) is not None))
 
 
 def _built(name: str, parameters: Any) -> Effect:
@@ -169,16 +169,16 @@ def _built(name: str, parameters: Any) -> Effect:
     adapter = _ADAPTERS[name]
     try:
         if magnification is not None:
-            fields = adapter.dump_python(_KNOWN[name].defaults(magnification)) | fields
+            fields = adapter.dump_python(_REGISTERED[name].defaults(magnification)) | fields
         return adapter.validate_python(fields)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in (name, *first["loc"]))
-        raise ValueError(f"{place}: {first['msg']}") from error
+        key = ".".join(str(part) for part in (name, *first["loc"]))
+        raise ValueError(f"{key}: {first['msg']}") from error
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
 
 
 def as_mapping(effects: EffectSet) -> dict[str, dict[str, Any]]:
-    """What `build_effects` would read, plain values only."""
+    """The effects as an argument of `build_effects`, in plain values."""
     return {member.name: _ADAPTERS[member.name].dump_python(member, mode="json") for member in effects.members}

@@ -1,4 +1,4 @@
-"""Mains hum with the rows triggered by the mains: the same in every row, a static pattern of columns."""
+"""Mains hum with rows triggered by the mains: equal in every row, a static pattern of columns."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class LineSyncHum(Effect):
 
     Attributes:
         amplitude_px: A.
-        frequency_hz: of the mains.
+        frequency_hz: frequency of the mains.
     """
 
     name: ClassVar[str] = "line_sync_hum"

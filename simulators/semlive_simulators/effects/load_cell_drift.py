@@ -1,4 +1,4 @@
-"""The bridge of the load cell warms up."""
+"""The reading of the load cell drifts while its bridge warms up."""
 
 from __future__ import annotations
 
@@ -27,5 +27,5 @@ class LoadCellDrift(Effect):
         return cls(pick_by_magnification(magnification, 0.002, 0.002))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
-        """More with time."""
+        """Add the drift."""
         return reading_n + self.rate_n_per_s * time_s

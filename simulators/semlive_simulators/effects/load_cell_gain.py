@@ -1,4 +1,4 @@
-"""The load cell is wrongly calibrated."""
+"""The calibration of the load cell has a gain error."""
 
 from __future__ import annotations
 
@@ -27,5 +27,5 @@ class LoadCellGain(Effect):
         return cls(pick_by_magnification(magnification, 0.02, 0.02))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
-        """In proportion."""
+        """Multiply by the gain."""
         return (1 + self.gain_error) * reading_n

@@ -1,4 +1,4 @@
-"""The load cell shows a load that is not there."""
+"""The load cell has a zero offset."""
 
 from __future__ import annotations
 
@@ -27,5 +27,5 @@ class LoadCellZero(Effect):
         return cls(pick_by_magnification(magnification, 20.0, 20.0))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
-        """More by the zero."""
+        """Add the zero offset."""
         return reading_n + self.zero_n

@@ -1,4 +1,4 @@
-"""Fixtures give way, and the extension counts it."""
+"""Compliance of the fixtures, which the extension includes."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class LoadFrameCompliance(Effect):
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> LoadFrameCompliance:
-        """5000 N/mm, a third of the specimen's."""
+        """5000 N/mm, a third of that of the specimen."""
         return cls(pick_by_magnification(magnification, 5000.0, 5000.0))
 
     def extension_reading_mm(self, reading_mm: float, load_n: float) -> float:
-        """More by what the fixtures give."""
+        """Add the elongation of the fixtures."""
         return reading_mm + load_n / self.fixture_stiffness_n_mm

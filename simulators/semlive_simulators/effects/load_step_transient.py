@@ -1,4 +1,4 @@
-"""Grips seat and the load frame yields after each load step: the field of view goes on moving for a while."""
+"""Settling of grips and load frame after each load step: the field of view moves with a decaying rate."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class LoadStepTransient(Effect):
         return cls(pick_by_magnification(magnification, 0.001, 0.05), pick_by_magnification(magnification, 0.003, 0.15), 60.0)
 
     def drift_px(self, at: Instants) -> Array:
-        """Falls after every step."""
+        """An exponential decay after every load step."""
         total = np.zeros(at.time_s.size)
         for step in at.motion.history.load_steps:
             elapsed_s = np.maximum(at.time_s - step.time_s, 0.0)

@@ -1,4 +1,4 @@
-"""High voltage (dM/M = dV/2V), lens current or working distance wander (dM/M = dz/WD: 1 um is 7e-5)."""
+"""High voltage (dM/M = dV/2V), lens current or working distance drift (dM/M = dz/WD: 1 um is 7e-5)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class MagnificationDrift(Effect):
     """(u, v) = s(T) (x - xc, y - yc), s = change (1 - exp(-T / tau)).
 
     Attributes:
-        change: relative change in all.
+        change: total relative change.
         time_constant_s: tau.
     """
 
@@ -36,5 +36,5 @@ class MagnificationDrift(Effect):
         return cls(pick_by_magnification(magnification, 3e-4, 3e-4), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
-        """Isotropic."""
+        """An isotropic change."""
         return isotropic(exponential_approach(at.time_s, self.change, self.time_constant_s))

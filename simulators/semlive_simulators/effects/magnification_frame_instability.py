@@ -1,4 +1,4 @@
-"""Noise of high voltage or lens current: every frame has a magnification of its own."""
+"""Noise of high voltage or lens current: every frame has its own magnification."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class MagnificationFrameInstability(Effect):
     """(u, v) = s_f (x - xc, y - yc), s_f white and normal over frames.
 
     Attributes:
-        sd: of s_f.
-        seed: of s_f.
+        sd: standard deviation of s_f.
+        seed: seed of s_f.
     """
 
     name: ClassVar[str] = "magnification_frame_instability"
@@ -31,5 +31,5 @@ class MagnificationFrameInstability(Effect):
         return cls(pick_by_magnification(magnification, 5e-5, 5e-5))
 
     def deflection(self, at: Instants) -> Array:
-        """Isotropic, the same throughout a frame."""
+        """An isotropic change, constant within a frame."""
         return isotropic(np.full(at.time_s.size, self.sd * gaussian(self.seed, 15, at.frame)))

@@ -12,13 +12,13 @@ from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVi
 
 @dataclass(frozen=True, slots=True)
 class MainsHum(Effect):
-    """(u, v) = A sum_n a_n sin(n (2 pi f T + phase)), T the time since the run began: its phase at a frame's start is as good as random.
+    """(u, v) = A sum_n a_n sin(n (2 pi f T + phase)), T the time since the run began: its phase at a frame start is practically random.
 
     Attributes:
         amplitude_x_px: A in x.
         amplitude_y_px: A in y.
-        frequency_hz: of the mains.
-        phase_rad: at the start of the run.
+        frequency_hz: frequency of the mains.
+        phase_rad: phase at the start of the run.
         harmonics: (n, a_n) of each overtone, a_n as a fraction of A; a_1 is 1.
     """
 
@@ -36,7 +36,7 @@ class MainsHum(Effect):
         return cls(pick_by_magnification(magnification, 0.02, 0.5), pick_by_magnification(magnification, 0.01, 0.25), 50.0, 0.4)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """The same wave in both axes."""
+        """Equal waves in both axes."""
         angle = 2 * np.pi * self.frequency_hz * at.time_s + self.phase_rad
         wave = np.sin(angle)
         for order, fraction in self.harmonics:

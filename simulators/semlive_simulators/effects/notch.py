@@ -1,4 +1,4 @@
-"""A slit cut into the sheet from the left: strain gathers ahead of its tip."""
+"""A slit in the sheet from the left, with strain concentration at its tip."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from semlive_simulators.specimen.elliptic import EllipticHole
 
 @dataclass(frozen=True, slots=True)
 class Notch(Opening):
-    """The right half of a flat elliptic hole whose middle lies to the left of the field of view (Inglis 1913).
+    """The right half of a flat elliptic hole whose centre is to the left of the field of view (Inglis 1913).
 
     Attributes:
-        tip_x_px: where its tip is, from the centre of the frame.
+        tip_x_px: position of the tip, from the centre of the frame.
         tip_y_px: likewise.
-        depth_px: from the tip to the middle of the ellipse.
+        depth_px: distance from the tip to the centre of the ellipse.
         tip_radius_px: radius of curvature at the tip.
-        strain_per_n: strain along y far away per N, 1 / (A E).
+        strain_per_n: remote strain along y per N, 1 / (A E).
         poissons_ratio: nu.
-        grey_level: level of 8 bit seen inside.
-        edge_px: half width of its soft edge.
+        grey_level: grey level inside, 8 bit.
+        edge_px: half width of the soft edge.
     """
 
     name: ClassVar[str] = "notch"
@@ -38,7 +38,7 @@ class Notch(Opening):
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> Notch:
-        """A slit 1 mm (at x10,000: 20 um) deep with a tip of 60 px, which has 8.3 times the strain far away."""
+        """A slit 1 mm (at x10,000: 20 um) deep with a tip of 60 px, which has 8.3 times the remote strain."""
         return cls(pick_by_magnification(magnification, -200.0, -200.0), 0.0, 800.0, 60.0, 1.0 / (10.0 * 71.1e3), 0.33)
 
     @property

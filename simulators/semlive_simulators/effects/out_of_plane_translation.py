@@ -1,4 +1,4 @@
-"""The specimen is lifted towards the lens as the load grows: grips, contraction of the sheet."""
+"""The specimen moves towards the lens with the load, by the grips and the contraction of the sheet."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class OutOfPlaneTranslation(Effect):
     """(u, v) = F lift / WD (x - xc, y - yc).
 
     Attributes:
-        lift_um_per_n: towards the lens.
+        lift_um_per_n: motion towards the lens.
         working_distance_mm: WD.
     """
 
@@ -28,6 +28,6 @@ class OutOfPlaneTranslation(Effect):
         return cls(pick_by_magnification(magnification, 0.002, 0.002), 14.1)
 
     def deflection(self, at: Instants) -> Array:
-        """Isotropic and proportional to the load."""
+        """An isotropic change in proportion to the load."""
         load_n = at.motion.load_at(at.time_s)
         return isotropic(load_n * self.lift_um_per_n / (1e3 * self.working_distance_mm))

@@ -1,4 +1,4 @@
-"""Plastic strain: a power law of the highest stress so far, kept when the load goes down again."""
+"""Plastic strain: a power law of the highest stress so far, which remains after unloading."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magni
 class PlasticHardening(Effect):
     """Ramberg and Osgood's law (1943): eyy = s / E + 0.002 (s_max / s_02)^n, the second part at constant volume.
 
-    The elastic part is the specimen's own. Crosshead and strain gage see the plastic part as well.
+    The elastic part is that of the specimen. Crosshead and strain gage measure the plastic part as well.
 
     Attributes:
-        area_mm2: cross-section, which makes stresses of loads.
-        proof_stress_mpa: s_02, at which 0.2 % of strain are plastic.
+        area_mm2: cross-section, to convert loads to stresses.
+        proof_stress_mpa: s_02, the stress at a plastic strain of 0.2 %.
         exponent: n.
     """
 
@@ -38,16 +38,16 @@ class PlasticHardening(Effect):
         return cls(pick_by_magnification(magnification, 10.0, 10.0), 95.0, 2.25)
 
     def plastic_strain(self, peak_n: Array) -> Array:
-        """Plastic strain along y after loads (n,) were the highest so far, N."""
+        """Plastic strain along y after highest loads (n,) so far, N."""
         stress_mpa = np.maximum(peak_n, 0.0) / self.area_mm2
         return 0.002 * (stress_mpa / self.proof_stress_mpa) ** self.exponent
 
     def specimen_shift_px(self, at: Instants) -> Array:
-        """The middle of the field stays where it is."""
+        """Zero: the centre does not move."""
         return np.zeros((at.time_s.size, 2))
 
     def specimen_gradient(self, at: Instants) -> Array:
-        """Plastic strain along y, half of it with the other sign across."""
+        """Plastic strain along y, and minus half of it along x."""
         strain = self.plastic_strain(_peak_n(at))
         gradient = np.zeros((at.time_s.size, 2, 2))
         gradient[:, 0, 0], gradient[:, 1, 1] = -0.5 * strain, strain
@@ -55,7 +55,7 @@ class PlasticHardening(Effect):
 
 
 def _peak_n(at: Instants) -> Array:
-    """Highest load up to each instant: of all load steps that ended before, and of the load there."""
+    """Highest load up to each instant, N, of all completed load steps and of the present load."""
     peak, level = at.motion.load_at(at.time_s), 0.0
     for step in at.motion.history.load_steps:
         level += step.change_n

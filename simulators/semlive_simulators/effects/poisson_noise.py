@@ -1,4 +1,4 @@
-"""Few electrons: noise whose variance grows with the signal."""
+"""Shot noise of few electrons: the variance grows with the signal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from semlive_simulators.effects.interfaces import Array, Effect, Magnification, 
 
 @dataclass(frozen=True, slots=True)
 class PoissonNoise(Effect):
-    """Variance a + b I, in place of the detector's.
+    """Variance a + b I, instead of that of the detector.
 
     Attributes:
         dark_variance_levels2: a.
@@ -30,5 +30,5 @@ class PoissonNoise(Effect):
         return cls(1.0, pick_by_magnification(magnification, 0.35, 0.7))
 
     def variance(self, variance: Array, grey: Array) -> Array:
-        """A line over the signal."""
+        """A linear function of the signal."""
         return self.dark_variance_levels2 + self.levels_per_electron * np.maximum(grey, 0.0)

@@ -1,4 +1,4 @@
-"""The beam goes for a random walk, Brownian down to the shortest period and smooth below."""
+"""Random walk of the beam: Brownian motion down to the shortest period, smooth below it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class RandomWalkDrift(Effect):
     """D += s sum_k Z_k sqrt(2 S) sin(w_k T / S) / w_k, w_k = (k - 1/2) pi: Karhunen-Loeve series of Brownian motion on 0 ... S.
 
     Attributes:
-        step_px_per_sqrt_s: s, standard deviation of what one second adds, in each axis.
-        span_s: S; later than this it repeats itself backwards.
-        shortest_period_s: of the last term.
-        seed: of Z.
+        step_px_per_sqrt_s: s, standard deviation of the change within one second, in each axis.
+        span_s: S; after this time the drift is mirrored in time.
+        shortest_period_s: period of the last term.
+        seed: seed of Z.
     """
 
     name: ClassVar[str] = "random_walk_drift"
@@ -36,7 +36,7 @@ class RandomWalkDrift(Effect):
         return cls(pick_by_magnification(magnification, 0.01, 0.3), 20_000.0, 60.0)
 
     def drift_px(self, at: Instants) -> Array:
-        """Both axes independent."""
+        """Independent drifts of both axes."""
         count = max(1, round(2 * self.span_s / self.shortest_period_s))
         w = (np.arange(count) + 0.5) * np.pi
         waves = np.sin(at.time_s[:, None] * (w / self.span_s)) / w

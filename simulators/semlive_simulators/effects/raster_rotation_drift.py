@@ -1,4 +1,4 @@
-"""Lens current or scan rotation electronics wander: the raster turns."""
+"""Lens current or scan rotation electronics drift: the raster rotates."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class RasterRotationDrift(Effect):
     """(u, v) = theta(T) (-(y - yc), x - xc), theta = change (1 - exp(-T / tau)).
 
     Attributes:
-        change_rad: rotation in all.
+        change_rad: total rotation.
         time_constant_s: tau.
     """
 
@@ -30,5 +30,5 @@ class RasterRotationDrift(Effect):
         return cls(pick_by_magnification(magnification, 5e-5, 5e-5), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
-        """Skew."""
+        """A rotation."""
         return exponential_approach(at.time_s, self.change_rad, self.time_constant_s)[:, None, None] * np.array([[0.0, -1.0], [1.0, 0.0]])

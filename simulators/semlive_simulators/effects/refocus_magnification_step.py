@@ -1,4 +1,4 @@
-"""The operator, or auto-focus, focuses again after each move and each load step."""
+"""The operator or auto-focus changes the focus after each move and each load step."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class RefocusMagnificationStep(Effect):
     """(u, v) = s_n (x - xc, y - yc), n counts the moves and load steps before the frame; s_0 = 0, the others normal.
 
     Attributes:
-        sd: of s_n.
-        seed: of s_n.
+        sd: standard deviation of s_n.
+        seed: seed of s_n.
     """
 
     name: ClassVar[str] = "refocus_magnification_step"
@@ -31,7 +31,7 @@ class RefocusMagnificationStep(Effect):
         return cls(pick_by_magnification(magnification, 5e-4, 5e-4))
 
     def deflection(self, at: Instants) -> Array:
-        """Isotropic, the same throughout a frame."""
+        """An isotropic change, constant within a frame."""
         count = sum(1 for time_s in at.motion.history.changes_s() if time_s <= at.start_s)
         step = self.sd * gaussian(self.seed, 16, count) if count else 0.0
         return isotropic(np.full(at.time_s.size, step))

@@ -1,4 +1,4 @@
-"""Every row lies a little to the left or right of where it should: noise of the scan generator, stray fields, sound."""
+"""Random horizontal offset of each row: noise of the scan generator, stray fields, acoustic noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class RowJitter(Effect):
 
     Attributes:
         sd_px: standard deviation.
-        seed: of the jitter.
+        seed: seed of the jitter.
     """
 
     name: ClassVar[str] = "row_jitter"
@@ -31,7 +31,7 @@ class RowJitter(Effect):
         return cls(pick_by_magnification(magnification, 0.03, 0.2))
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """One offset in x to a row."""
+        """One offset in x per row."""
         rows = at.y_px.shape[0]
         stream = 1_000_003 * at.frame + at.visit
         return self.sd_px * gaussians(self.seed, stream, int(at.y_px[0, 0]), rows)[:, None], np.zeros((1, 1))

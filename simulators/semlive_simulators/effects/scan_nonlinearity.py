@@ -1,4 +1,4 @@
-"""The ramps of the scan are curved, and the coils' cores remember where the beam came from."""
+"""Non-linear scan ramps, and hysteresis of the coil cores."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVi
 
 @dataclass(frozen=True, slots=True)
 class ScanNonlinearity(Effect):
-    """u = q X^2 + k X^3 +- h (1 - X^2), v = q Y^2 + k Y^3, with X, Y = -1 ... 1 and minus in rows from right to left.
+    """u = q X^2 + k X^3 +- h (1 - X^2), v = q Y^2 + k Y^3, with X, Y = -1 ... 1 and minus in rows scanned from right to left.
 
     Attributes:
         quadratic_px: q.
@@ -36,7 +36,7 @@ class ScanNonlinearity(Effect):
         )
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """Columns in x, rows in y."""
+        """A function of the column in x, and of the row in y."""
         x, y = at.from_centre_px
         X, Y = x / (0.5 * (at.scan.width_px - 1)), y / (0.5 * (at.scan.height_px - 1))
         sign = np.where(at.reversed_rows, -1.0, 1.0)

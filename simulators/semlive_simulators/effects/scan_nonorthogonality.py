@@ -1,4 +1,4 @@
-"""Columns do not stand upright on rows."""
+"""Columns are not perpendicular to rows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class ScanNonorthogonality(Effect):
     """u = skew (y - yc).
 
     Attributes:
-        skew_rad: what the angle between the axes lacks.
+        skew_rad: 90 degrees minus the angle between the axes.
     """
 
     name: ClassVar[str] = "scan_nonorthogonality"
@@ -28,5 +28,5 @@ class ScanNonorthogonality(Effect):
         return cls(pick_by_magnification(magnification, 0.01, 0.01))
 
     def deflection(self, at: Instants) -> Array:
-        """The same at all times."""
+        """Constant in time."""
         return np.broadcast_to(np.array([[0.0, self.skew_rad], [0.0, 0.0]]), (at.time_s.size, 2, 2))

@@ -1,4 +1,4 @@
-"""Cross-talk between the scan amplifiers wanders with temperature."""
+"""Cross-talk between the scan amplifiers drifts with temperature."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class ScanShearDrift(Effect):
     """u = gamma(T) (y - yc), gamma = change (1 - exp(-T / tau)).
 
     Attributes:
-        change: shear in all.
+        change: total shear.
         time_constant_s: tau.
     """
 
@@ -30,5 +30,5 @@ class ScanShearDrift(Effect):
         return cls(pick_by_magnification(magnification, 5e-5, 5e-5), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
-        """Rows slide over each other."""
+        """A shear of the rows."""
         return exponential_approach(at.time_s, self.change, self.time_constant_s)[:, None, None] * np.array([[0.0, 1.0], [0.0, 0.0]])

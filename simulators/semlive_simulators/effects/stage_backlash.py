@@ -1,4 +1,4 @@
-"""Where the stage stops depends on where it came from."""
+"""The end position of the stage depends on the direction of the move."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class StageBacklash(Effect):
     """m = c + b sign(dc) in each axis, dc the last move that was not zero.
 
     Attributes:
-        backlash_um: b, half the play.
+        backlash_um: b, half the total backlash.
     """
 
     name: ClassVar[str] = "stage_backlash"
@@ -28,7 +28,7 @@ class StageBacklash(Effect):
         return cls(pick_by_magnification(magnification, 1.0, 1.0))
 
     def specimen_shift_px(self, at: Instants) -> Array:
-        """Jumps with every change of direction."""
+        """An offset with the sign of the last motion."""
         sign = np.zeros((at.time_s.size, 2))
         for move in at.motion.history.moves:
             change = np.array(move.change_px)
@@ -36,5 +36,5 @@ class StageBacklash(Effect):
         return sign * self.backlash_um / at.scan.pixel_size_um
 
     def specimen_gradient(self, at: Instants) -> Array:
-        """Nothing is strained."""
+        """Zero: the stage does not strain the specimen."""
         return np.zeros((at.time_s.size, 2, 2))

@@ -1,4 +1,4 @@
-"""The stage's error grows with the square of its position."""
+"""The position error of the stage grows with the square of its position."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class StageQuadratic(Effect):
         return cls(pick_by_magnification(magnification, 4e-4, 0.3))
 
     def specimen_shift_px(self, at: Instants) -> Array:
-        """As the last move left it."""
-        place = np.zeros((at.time_s.size, 2))
+        """The error at the end of the last move."""
+        position_px = np.zeros((at.time_s.size, 2))
         for move in at.motion.history.moves:
-            place = np.where((at.time_s >= move.time_s)[:, None], np.array(move.to_px), place)
-        return self.quadratic_per_um * at.scan.pixel_size_um * place**2
+            position_px = np.where((at.time_s >= move.time_s)[:, None], np.array(move.to_px), position_px)
+        return self.quadratic_per_um * at.scan.pixel_size_um * position_px**2
 
     def specimen_gradient(self, at: Instants) -> Array:
-        """Nothing is strained."""
+        """Zero: the stage does not strain the specimen."""
         return np.zeros((at.time_s.size, 2, 2))

@@ -15,7 +15,7 @@ class StageStepTransient(Effect):
     """D += A m_n exp(-(T - T_n) / tau) after every move n by m_n.
 
     Attributes:
-        fraction: A, part of a move that comes back.
+        fraction: A, fraction of a move that relaxes.
         time_constant_s: tau.
     """
 
@@ -30,10 +30,10 @@ class StageStepTransient(Effect):
         return cls(pick_by_magnification(magnification, 0.02, 0.3), 60.0)
 
     def drift_px(self, at: Instants) -> Array:
-        """Falls after every move."""
+        """An exponential decay after every move."""
         total = np.zeros((at.time_s.size, 2))
         for move in at.motion.history.moves:
             elapsed_s = np.maximum(at.time_s - move.time_s, 0.0)
-            left = np.where(at.time_s >= move.time_s, self.fraction * np.exp(-elapsed_s / self.time_constant_s), 0.0)
-            total += left[:, None] * np.array(move.change_px)
+            remaining = np.where(at.time_s >= move.time_s, self.fraction * np.exp(-elapsed_s / self.time_constant_s), 0.0)
+            total += remaining[:, None] * np.array(move.change_px)
         return total

@@ -1,4 +1,4 @@
-"""The stage's guides turn the specimen a little with each move."""
+"""The guides of the stage rotate the specimen slightly with each move."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class StageYaw(Effect):
     """(u, v) = theta_n (-(y - yc), x - xc) after move n, theta_n normal.
 
     Attributes:
-        sd_rad: of theta_n.
-        seed: of theta_n.
+        sd_rad: standard deviation of theta_n.
+        seed: seed of theta_n.
     """
 
     name: ClassVar[str] = "stage_yaw"
@@ -31,11 +31,11 @@ class StageYaw(Effect):
         return cls(pick_by_magnification(magnification, 3e-4, 3e-4))
 
     def specimen_shift_px(self, at: Instants) -> Array:
-        """The centre stays."""
+        """Zero: the centre does not move."""
         return np.zeros((at.time_s.size, 2))
 
     def specimen_gradient(self, at: Instants) -> Array:
-        """Skew."""
+        """A rotation."""
         theta = np.zeros(at.time_s.size)
         for number, move in enumerate(at.motion.history.moves):
             theta = np.where(at.time_s >= move.time_s, self.sd_rad * gaussian(self.seed, 30, number), theta)

@@ -1,4 +1,4 @@
-"""Air conditioning or chiller: the column breathes."""
+"""Periodic thermal drift of the column by air conditioning or a chiller."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ThermalOscillation(Effect):
         x_px: A in x.
         y_px: A in y.
         period_s: P.
-        phase_rad: at the start of the run.
+        phase_rad: phase at the start of the run.
     """
 
     name: ClassVar[str] = "thermal_oscillation"
@@ -34,5 +34,5 @@ class ThermalOscillation(Effect):
         return cls(pick_by_magnification(magnification, 0.1, 2.5), pick_by_magnification(magnification, 0.2, 5.0), 480.0, 0.7)
 
     def drift_px(self, at: Instants) -> Array:
-        """Both axes in step."""
+        """Equal phases in both axes."""
         return np.sin(2 * np.pi * at.time_s / self.period_s + self.phase_rad)[:, None] * np.array([self.x_px, self.y_px])

@@ -1,4 +1,4 @@
-"""Misaligned grips tilt the specimen about the x axis as the load grows."""
+"""Misaligned grips tilt the specimen about the x axis in proportion to the load."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class TiltWithLoad(Effect):
         return cls(pick_by_magnification(magnification, 1e-6, 1e-6), 14.1)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """Perspective."""
+        """Perspective displacement of the tilted specimen."""
         x, y = at.from_centre_px
         distance_px = 1e3 * self.working_distance_mm / at.scan.pixel_size_um
         a = self.tilt_rad_per_n * at.load_n / distance_px

@@ -1,4 +1,4 @@
-"""The microscope's clock differs from the load frame's."""
+"""The clock of the microscope differs from that of the load frame."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by
 
 @dataclass(frozen=True, slots=True)
 class TimestampOffset(Effect):
-    """The files say T + dt.
+    """The time in the files is T + dt.
 
     Attributes:
         offset_s: dt.
@@ -26,5 +26,5 @@ class TimestampOffset(Effect):
         return cls(pick_by_magnification(magnification, 5.0, 5.0))
 
     def stamp_s(self, true_s: float) -> float:
-        """Later by the offset."""
+        """Add the offset."""
         return true_s + self.offset_s

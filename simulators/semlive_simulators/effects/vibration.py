@@ -1,4 +1,4 @@
-"""Floor, pumps, chiller, sound: one frequency, another phase in every frame."""
+"""Vibration by floor, pumps, chiller or sound: one frequency, with a random phase in each frame."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from semlive_simulators.kernels.pattern import gaussian
 
 @dataclass(frozen=True, slots=True)
 class Vibration(Effect):
-    """(u, v) = A sin(2 pi (f tau + phase of the frame)), tau the time in the frame, the phase a normal number of turns.
+    """(u, v) = A sin(2 pi (f tau + phase of the frame)), tau the time in the frame, the phase a normally distributed number of turns.
 
     Attributes:
         amplitude_x_px: A in x.
         amplitude_y_px: A in y.
-        frequency_hz: between 0.1 and 200 Hz.
-        seed: of the phases.
+        frequency_hz: frequency, 0.1 to 200 Hz.
+        seed: seed of the phases.
     """
 
     name: ClassVar[str] = "vibration"
@@ -35,6 +35,6 @@ class Vibration(Effect):
         return cls(pick_by_magnification(magnification, 0.01, 0.3), pick_by_magnification(magnification, 0.01, 0.2), 23.7)
 
     def offset_px(self, at: PixelVisits) -> Plane:
-        """The same wave in both axes."""
+        """Equal waves in both axes."""
         wave = np.sin(2 * np.pi * (self.frequency_hz * at.in_frame_s + gaussian(self.seed, 4, at.frame)))
         return self.amplitude_x_px * wave, self.amplitude_y_px * wave

@@ -1,4 +1,4 @@
-"""The column warms up for half an hour after it was switched on (Sutton 2007 waits 15 to 30 minutes)."""
+"""Drift during the warm-up of the column, about half an hour after power on (Sutton 2007 waits 15 to 30 minutes)."""
 
 from __future__ import annotations
 
@@ -32,5 +32,5 @@ class WarmupTransient(Effect):
         return cls(pick_by_magnification(magnification, 1.0, 10.0), pick_by_magnification(magnification, 2.0, 20.0), 600.0)
 
     def drift_px(self, at: Instants) -> Array:
-        """Fades."""
+        """An exponential decay."""
         return np.exp(-at.time_s / self.time_constant_s)[:, None] * np.array([self.x_px, self.y_px])

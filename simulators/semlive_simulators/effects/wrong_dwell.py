@@ -1,4 +1,4 @@
-"""Pixels truly take longer or shorter than the header says, rows do not."""
+"""The true dwell time differs from the file header, the row time does not."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class WrongDwell(Effect):
     """t = y t_R + x t_D (1 + delta).
 
     Attributes:
-        dwell_error: delta, true dwell time over stated one, minus 1.
+        dwell_error: delta, true dwell time divided by the stated one, minus 1.
     """
 
     name: ClassVar[str] = "wrong_dwell"
@@ -27,5 +27,5 @@ class WrongDwell(Effect):
         return cls(pick_by_magnification(magnification, 0.03, 0.03))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
-        """The way through a row is stretched."""
+        """Change the dwell time."""
         return replace(timing, dwell_time_s=timing.dwell_time_s * (1 + self.dwell_error))

@@ -1,4 +1,4 @@
-"""Rows truly take longer or shorter than the header says."""
+"""The true row time differs from the file header."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class WrongRowTime(Effect):
     """t = y t_R (1 + delta) + x t_D.
 
     Attributes:
-        row_time_error: delta, true row time over stated one, minus 1.
+        row_time_error: delta, true row time divided by the stated one, minus 1.
     """
 
     name: ClassVar[str] = "wrong_row_time"
@@ -23,10 +23,10 @@ class WrongRowTime(Effect):
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> WrongRowTime:
-        """4.4 %: the fly-back was forgotten, as W t_D = 0.1024 s is taken for t_R = 0.1071 s."""
+        """4.4 %: an estimate without fly-back, with W t_D = 0.1024 s instead of t_R = 0.1071 s."""
         return cls(pick_by_magnification(magnification, 0.044, 0.044))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
-        """All row starts are stretched."""
+        """Stretch all row starts."""
         stretch = 1 + self.row_time_error
         return replace(timing, row_start_s=timing.row_start_s * stretch, row_time_s=timing.row_time_s * stretch)

@@ -1,1 +1,1 @@
-"""How microscopes write their files: one module a vendor, and how a file grows in the folder."""
+"""File formats of microscopes, one module per vendor, and the timing of their files in the export folder."""

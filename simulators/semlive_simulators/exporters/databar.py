@@ -1,4 +1,4 @@
-"""The bar below an image, or over its last rows: what an operator reads, and a scale bar."""
+"""The databar below an image, or over its last rows: instrument settings as text, and a scale bar."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from semlive_simulators.exporters.image_metadata import ImageMetadata, Pixels
 
 
 def databar(facts: ImageMetadata, rows: int) -> NDArray[np.uint8]:
-    """The bar below the image, (rows, width): what an operator reads, and a scale bar."""
+    """The databar, (rows, width): instrument settings as text, and a scale bar."""
     scan = facts.scan
     bar = np.full((rows, scan.width_px), 12, dtype=np.uint8)
     if rows < 16:
@@ -26,24 +26,24 @@ def databar(facts: ImageMetadata, rows: int) -> NDArray[np.uint8]:
         f"{facts.end_time:%m/%d/%Y %I:%M:%S %p}",
     )
     for column, text in zip((0.01, 0.12, 0.27, 0.35, 0.50), texts, strict=True):
-        place = (round(column * scan.width_px), round(0.62 * rows))
-        cv2.putText(bar, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, 220, 1, cv2.LINE_AA)
+        position = (round(column * scan.width_px), round(0.62 * rows))
+        cv2.putText(bar, text, position, cv2.FONT_HERSHEY_SIMPLEX, size, 220, 1, cv2.LINE_AA)
     length = round(0.2 * scan.width_px)
-    left = round(0.78 * scan.width_px)
-    bar[rows // 2 - 1 : rows // 2 + 1, left : left + length] = 220
-    bar[rows // 3 : 2 * rows // 3, (left, left + length)] = 220
+    start = round(0.78 * scan.width_px)
+    bar[rows // 2 - 1 : rows // 2 + 1, start : start + length] = 220
+    bar[rows // 3 : 2 * rows // 3, (start, start + length)] = 220
     return bar
 
 
 def appended(image: Pixels, facts: ImageMetadata, rows: int) -> Pixels:
-    """The image with a bar of so many rows below it."""
-    return np.concatenate([image, _as_deep(databar(facts, rows), image)]) if rows else image
+    """The image with a databar of a number of rows below it."""
+    return np.concatenate([image, _in_depth_of(databar(facts, rows), image)]) if rows else image
 
 
 def burnt_in(image: Pixels, facts: ImageMetadata, rows: int) -> Pixels:
-    """The image with a bar in place of its last rows."""
-    return np.concatenate([image[:-rows], _as_deep(databar(facts, rows), image)]) if rows else image
+    """The image with a databar instead of its last rows."""
+    return np.concatenate([image[:-rows], _in_depth_of(databar(facts, rows), image)]) if rows else image
 
 
-def _as_deep(bar: NDArray[np.uint8], image: Pixels) -> Pixels:
+def _in_depth_of(bar: NDArray[np.uint8], image: Pixels) -> Pixels:
     return bar if image.dtype == np.uint8 else bar.astype(np.uint16) * np.uint16(257)

@@ -1,4 +1,4 @@
-"""Files that grow while time passes: one thread writes images, another what comes later, so that no frame waits for a sidecar."""
+"""Files that grow in experiment time: one thread writes images, another the sidecars, so that no image waits for a sidecar."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ _JOIN_S = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FinishedScan:
-    """A frame whose scan is over.
+    """A frame whose scan is complete.
 
     Attributes:
         frame: number of the scan, from 0.
-        start_time_ns: when it began, UTC ns.
-        end_time_ns: when it ended.
+        start_time_ns: start of the scan, UTC ns.
+        end_time_ns: end of the scan, UTC ns.
         image: (height, width) of the detector's dtype.
-        reading: what the devices said at the end.
-        window: what truly happened meanwhile.
+        reading: readings of the devices at the end.
+        window: true motion during the scan.
     """
 
     frame: int
@@ -44,7 +44,7 @@ class FinishedScan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exported(FinishedScan):
-    """A frame whose files are all there.
+    """A frame whose files are complete.
 
     Attributes:
         file: name of the image file in the export folder.
@@ -54,11 +54,11 @@ class Exported(FinishedScan):
 
 
 class ExportThread:
-    """Writes frames in the order in which they come, bit by bit, as slowly as an instrument does.
+    """Writes frames in their order, in chunks and with the delays of an instrument.
 
-    Images go to the share one after the other; a frame that ends while the one before is still being written waits, as in real
-    software, and its times count from there. Sidecars are written beside that. `exported` is called, in order, when all files of
-    a frame are there. A stop makes it hurry; nothing is left half-written.
+    Images are written one after the other. A frame that ends while the previous one is being written waits, as in real software, and its
+    delays count from the end of that export. Sidecars are written at the same time by another thread. `exported` is called, in order,
+    when all files of a frame are complete. After a stop the remaining files are written without delays, and none stays incomplete.
     """
 
     def __init__(
@@ -79,10 +79,10 @@ class ExportThread:
         self._exported = 0
         self._free_ns = 0
         self._images: queue.SimpleQueue[FinishedScan | None] = queue.SimpleQueue()
-        self._later: queue.SimpleQueue[tuple[Exported | None, int, tuple[FilePlan, ...]] | None] = queue.SimpleQueue()
+        self._sidecars: queue.SimpleQueue[tuple[Exported | None, int, tuple[FilePlan, ...]] | None] = queue.SimpleQueue()
         self._threads = [
             threading.Thread(target=self._guarded, args=(work,), name=name, daemon=True)
-            for name, work in (("export", self._write_images), ("sidecar", self._write_later))
+            for name, work in (("export", self._write_images), ("sidecar", self._write_sidecars))
         ]
 
     @property
@@ -91,16 +91,16 @@ class ExportThread:
         return self._exported
 
     def start(self) -> None:
-        """Begin."""
+        """Start both threads."""
         for thread in self._threads:
             thread.start()
 
     def put(self, scanned: FinishedScan) -> None:
-        """Hand over a frame."""
+        """Add a frame to be written."""
         self._images.put(scanned)
 
     def stop(self) -> None:
-        """Finish what was handed over, without the pauses once the stop is set, and end."""
+        """Write the remaining frames, without delays if the stop is set, and end both threads."""
         self._images.put(None)
         for thread in self._threads:
             if thread.is_alive():
@@ -116,28 +116,32 @@ class ExportThread:
     def _write_images(self) -> None:
         try:
             while (item := self._images.get()) is not None:
-                self._later.put(self._write_image(item))
+                self._sidecars.put(self._write_image(item))
         finally:
-            self._later.put(None)
+            self._sidecars.put(None)
 
     def _write_image(self, item: FinishedScan) -> tuple[Exported | None, int, tuple[FilePlan, ...]]:
-        """Write the image; gives it unless it is never finished, the instant from which its plans count, and the plans that are left."""
+        """Write the image of a frame.
+
+        Returns:
+            The exported frame, None if its image is never finished; the instant from which its plans count, ns; the plans of its sidecars.
+        """
         scenario, reading = self._scenario, item.reading
         begin_ns = max(item.end_time_ns, self._free_ns)
-        name = scenario.export.free_name(item.frame, lambda other: (self._folder / other).exists())
-        told_ns = scenario.told_ns(item.end_time_ns, self._clock.start_ns)
+        name = scenario.export.free_name(item.frame, lambda file: (self._folder / file).exists())
+        stamp_ns = scenario.stamp_ns(item.end_time_ns, self._clock.start_ns)
         facts = ImageMetadata(
-            scenario.scan, told_ns, reading.encoder_x_um, reading.encoder_y_um, item.frame, name, reading.beam_x_um, reading.beam_y_um
+            scenario.scan, stamp_ns, reading.encoder_x_um, reading.encoder_y_um, item.frame, name, reading.beam_x_um, reading.beam_y_um
         )
-        image, *later = plan_files(scenario.export.encode(item.image, facts), name, scenario.export, item.frame)
+        image, *sidecars = plan_files(scenario.export.encode(item.image, facts), name, scenario.export, item.frame)
         write_file(image, self._folder, begin_ns, lambda since_s: self._at("export", begin_ns + round(since_s * 1e9)))
         self._free_ns = begin_ns + round(image.last_s * 1e9)
         exported = Exported(item.frame, item.start_time_ns, item.end_time_ns, item.image, reading, item.window, name)
-        return exported if image.finished else None, begin_ns, tuple(later)
+        return exported if image.finished else None, begin_ns, tuple(sidecars)
 
-    def _write_later(self) -> None:
-        while (handed := self._later.get()) is not None:
-            item, begin_ns, plans = handed
+    def _write_sidecars(self) -> None:
+        while (work := self._sidecars.get()) is not None:
+            item, begin_ns, plans = work
             for plan in plans:
                 self._write_sidecar(plan, begin_ns)
             if item is not None:

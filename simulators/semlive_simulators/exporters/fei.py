@@ -1,8 +1,8 @@
 """FEI and Thermo Fisher: metadata in tags 34682 (INI text) and 34683 (XML), databar below the image.
 
-Layout, keys and quirks (one strip a row, IFD behind the pixels, three-digit exponents, CRLF) are those of files that FEI
-microscopes wrote. The embedded times mark the end of the scan. Tag 34682 has them to the second, as everywhere; tag 34683
-carries fractions of a second in AcquisitionDatetime, as newer software does. No zone is written: the microscope's PC runs on UTC.
+Layout and keys (one strip per row, IFD after the pixels, three-digit exponents, CRLF) are those of files of FEI microscopes. The
+embedded times are those of the end of the scan: tag 34682 has a resolution of 1 s, as in all files; tag 34683 has fractions of a second in
+AcquisitionDatetime, as in newer software. No time zone is written: the microscope PC uses UTC.
 """
 
 from __future__ import annotations
@@ -59,13 +59,13 @@ def fei_xml(facts: ImageMetadata) -> str:
 
 
 def _fei(value: float) -> str:
-    """A number as FEI writes it: short, with three digits in the exponent."""
+    """A number in the format of FEI: short, with three digits in the exponent."""
     mantissa, mark, exponent = f"{value:.10g}".partition("e")
     return f"{mantissa}e{int(exponent):+04d}" if mark else mantissa
 
 
 def encode_tiff(image: Pixels, facts: ImageMetadata, databar_rows: int) -> bytes:
-    """A whole file: header, pixels and databar, then the directory and what it points to."""
+    """A complete file: header, pixels and databar, then the directory and its values."""
     pixels = databar.appended(image, facts, databar_rows)
     height, width = pixels.shape
     entries = [

@@ -1,6 +1,6 @@
-"""Hitachi: a TIFF without metadata, and a ``[SemImageFile]`` text file beside it that knows pixel size and date but no scan time.
+"""Hitachi: a TIFF without metadata, and a ``[SemImageFile]`` text file with pixel size and date, but without scan times.
 
-The date has the day first; ``DataSize`` counts the bar as image.
+The date begins with the day; ``DataSize`` includes the databar.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetad
 
 
 def sidecar_text(facts: ImageMetadata, databar_rows: int) -> str:
-    """The text file beside the image."""
+    """The content of the text file."""
     scan, end = facts.scan, facts.end_time
     values = {
         "Version": "02-01", "InstructName": "SIMULATED", "SerialNumber": "000000-00", "DataNumber": f"{facts.frame + 1:04d}",

@@ -1,4 +1,4 @@
-"""What an instrument writes beside the pixels, and what it makes of both."""
+"""Metadata of an exported image, and its encoded files."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 @dataclass(frozen=True, slots=True)
 class ImageMetadata:
-    """What the instrument writes beside the pixels.
+    """Metadata that the instrument writes with the pixels.
 
     Attributes:
         scan: the raster.
-        end_time_ns: when the scan ended by the clock of the microscope's PC, UTC ns.
-        stage_x_um: stage position by its own encoder.
+        end_time_ns: end of the scan on the clock of the microscope PC, UTC ns.
+        stage_x_um: stage position of the encoder, um.
         stage_y_um: likewise.
         frame: number of the frame.
-        name: of the image file.
-        beam_x_um: shift of the beam by the column's own word.
+        name: name of the image file.
+        beam_x_um: beam shift that the column reports, um.
         beam_y_um: likewise.
     """
 
@@ -46,22 +46,22 @@ class ImageMetadata:
 
     @property
     def frames_integrated(self) -> int:
-        """Scans of the whole frame that were integrated."""
+        """Number of integrated scans of the complete frame."""
         return self.scan.integrations if self.scan.integration == "frame" else 1
 
     @property
     def lines_integrated(self) -> int:
-        """Passes over each line that were integrated before the next."""
+        """Number of integrated scans of each line."""
         return self.scan.integrations if self.scan.integration == "line" else 1
 
     @property
     def line_time_s(self) -> float:
-        """From the start of a line to the start of the next, all passes included, as FEI and Zeiss count."""
+        """Time from the start of a line to the start of the next, with all its scans, as in files of FEI and Zeiss."""
         return self.scan.row_time_s * self.lines_integrated
 
     @property
     def frame_time_s(self) -> float:
-        """Of one frame, all passes over its lines included."""
+        """Time of one frame with all scans of its lines."""
         return self.scan.frame_time_s * self.lines_integrated
 
 
@@ -70,8 +70,8 @@ class EncodedFrame:
     """The bytes of an exported frame.
 
     Attributes:
-        image: of the image file.
-        sidecar: of the text file beside it, if the vendor writes one.
+        image: content of the image file.
+        sidecar: content of the text file; None if the vendor writes none.
     """
 
     image: bytes

@@ -1,7 +1,7 @@
-"""JEOL: an LZW-compressed TIFF with a palette and no metadata, and a text file of ``$KEY value`` lines beside it.
+"""JEOL: an LZW-compressed TIFF with a palette and no metadata, and a text file of ``$KEY value`` lines.
 
-The sidecar tells neither dwell nor row time, only the number of a scan speed. The bar, if any, is what the image has more
-rows than ``$CM_FULL_SIZE`` says; the pixel size is that of a micron bar whose length is a whole number of pixels.
+The text file contains neither dwell nor row time, only the number of a scan speed. The rows of the databar are those of the image beyond
+``$CM_FULL_SIZE``; the pixel size follows from a micron bar whose length is a whole number of pixels.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetad
 
 
 def sidecar_text(facts: ImageMetadata) -> str:
-    """The text file beside the image."""
+    """The content of the text file."""
     scan, end = facts.scan, facts.end_time
     field_um = scan.width_px * scan.pixel_size_um
     exponent = math.floor(math.log10(0.3 * field_um))
@@ -40,7 +40,7 @@ def sidecar_text(facts: ImageMetadata) -> str:
 
 
 def _lzw(pixels: Pixels) -> bytes:
-    """One strip, horizontal differences, LZW: taken out of a file that libtiff wrote."""
+    """One strip with horizontal differences and LZW compression, from a file written by libtiff."""
     options = [cv2.IMWRITE_TIFF_COMPRESSION, 5, cv2.IMWRITE_TIFF_PREDICTOR, 2, cv2.IMWRITE_TIFF_ROWSPERSTRIP, pixels.shape[0]]
     _, encoded = cv2.imencode(".tif", pixels, options)
     data = encoded.tobytes()

@@ -1,4 +1,4 @@
-"""Files that say nothing of their scan: TIFF and PNG without metadata."""
+"""TIFF and PNG files without metadata."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetad
 
 
 def tiff_bytes(pixels: Pixels) -> bytes:
-    """A TIFF with the tags that it must have."""
+    """A TIFF with the required tags only."""
     height, width = pixels.shape
     entries = [
         tiff.shorts(256, width),

@@ -1,4 +1,4 @@
-"""How the instrument writes its files, as a scenario says it."""
+"""Settings of the exported files in a scenario."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetad
 
 
 class Vendor(StrEnum):
-    """Whose software exports."""
+    """Vendor of the exporting software, or a plain format."""
 
     FEI = "fei"
     ZEISS = "zeiss"
@@ -26,7 +26,7 @@ class Vendor(StrEnum):
 
 
 class WriteStyle(StrEnum):
-    """How a file comes into being."""
+    """Order of the writes to a file."""
 
     DIRECT = "direct"
     RENAME = "rename"
@@ -34,7 +34,7 @@ class WriteStyle(StrEnum):
 
 
 class Collision(StrEnum):
-    """What software does when a file of that name is there already."""
+    """Behaviour if a file with the same name exists."""
 
     OVERWRITE = "overwrite"
     NUMBER = "number"
@@ -54,23 +54,23 @@ _ENCODERS: dict[Vendor, Encoder] = {
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """How the instrument writes its files.
+    """Settings of the exported files.
 
     Attributes:
-        style: ``direct`` writes the final name bit by bit, ``rename`` a temporary name that is renamed, ``preallocate`` the
-            final name at full size, zeros first.
-        delay_s: from the end of a scan to the first byte.
-        duration_s: from the first byte to the last; long on a slow share.
-        chunks: writes in that time.
-        databar_rows: rows of the databar below the image; Zeiss burns it into the image's last rows.
-        prefix: of the file names.
-        vendor: whose files they are.
-        clock_offset_s: clock of the microscope's PC minus experiment time; shifts the times inside the files.
-        sidecar_delay_s: from the end of the image file to the sidecar, for vendors that have one.
-        counter_restarts_after: files after which the number in the name begins at 1 again; 0 never.
-        collision: what becomes of a file whose name is taken: ``overwrite`` replaces the old one, ``number`` adds ``_1``, ``_2``, ...
-        never_finished: frames, counted from 0, whose file is begun and never finished, as when the software or its disk gives up.
-        finished_part: part of such a file's bytes that is written, 0 to 1.
+        style: ``direct`` writes to the final name in chunks, ``rename`` to a temporary name that is renamed, ``preallocate`` to the final
+            name, with zeros of the full size first.
+        delay_s: time from the end of a scan to the first byte, s.
+        duration_s: time from the first byte to the last, s; long on a slow network share.
+        chunks: number of writes in that time.
+        databar_rows: rows of the databar below the image; with Zeiss it replaces the last rows of the image.
+        prefix: prefix of the file names.
+        vendor: format of the files.
+        clock_offset_s: clock of the microscope PC minus experiment time, s; it shifts the times in the files.
+        sidecar_delay_s: time from the end of the image file to the sidecar, s, for vendors that write one.
+        counter_restarts_after: number of files after which the number in the name restarts at 1; 0 never.
+        collision: for a name that exists, ``overwrite`` replaces the old file, ``number`` appends ``_1``, ``_2``, ... to the new name.
+        never_finished: frames, counted from 0, whose file is never completed, as after a crash of the software or a full disk.
+        finished_part: fraction of the bytes of such a file that is written, 0 to 1.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -99,7 +99,7 @@ class Export:
 
     @property
     def suffix(self) -> str:
-        """Of the image files."""
+        """Suffix of the image files."""
         return ".png" if self.vendor is Vendor.PNG else ".tif"
 
     def file_name(self, frame: int) -> str:
@@ -107,13 +107,13 @@ class Export:
         number = frame % self.counter_restarts_after if self.counter_restarts_after else frame
         return f"{self.prefix}{number + 1:04d}{self.suffix}"
 
-    def free_name(self, frame: int, taken: Callable[[str], bool]) -> str:
-        """Name of the image file in a folder where some names are taken."""
+    def free_name(self, frame: int, exists: Callable[[str], bool]) -> str:
+        """Name of the image file in a folder where some names exist already."""
         name = self.file_name(frame)
-        if self.collision is Collision.OVERWRITE or not taken(name):
+        if self.collision is Collision.OVERWRITE or not exists(name):
             return name
         stem = name.removesuffix(self.suffix)
-        return next(other for count in itertools.count(1) if not taken(other := f"{stem}_{count}{self.suffix}"))
+        return next(numbered for count in itertools.count(1) if not exists(numbered := f"{stem}_{count}{self.suffix}"))
 
     def encode(self, image: Pixels, facts: ImageMetadata) -> EncodedFrame:
         """The files of a frame."""

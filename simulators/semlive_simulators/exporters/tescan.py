@@ -1,7 +1,7 @@
 """TESCAN: 16 bit, a strip of text below the image, and tag 50431: a binary thumbnail, then ``key=value`` lines.
 
-The tag is a chain of blocks: length of kind and content (u32), kind (u16), content. It knows the dwell time of a pixel and
-nothing of row and frame time. Its date is that of the scan, TIFF's own DateTime that of the saving, seconds later.
+The tag is a chain of blocks: length of kind and content (u32), kind (u16), content. It contains the dwell time of a pixel, but no row or
+frame time. Its date is that of the scan; the DateTime of TIFF is that of saving, some seconds later.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from semlive_simulators.exporters import databar, tiff
 from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata, Pixels
 
 SAVED_AFTER_S = 11
-"""Between the two times in a file, as in one from a MIRA3."""
+"""Time between the two dates in a file, as in a file of a MIRA3."""
 _THUMBNAIL, _MAIN, _SEM = 1, 2, 3
 _ROWS_PER_STRIP = 4
 
@@ -31,7 +31,7 @@ def _block(kind: int, content: bytes) -> bytes:
 
 
 def _engineering(value: float) -> str:
-    """A number as TESCAN writes it: five digits, an exponent that is a multiple of three."""
+    """A number in the format of TESCAN: five digits, with an exponent that is a multiple of three."""
     if value == 0:
         return "0.0"
     exponent = 0
@@ -65,7 +65,7 @@ def tescan_tag(image: NDArray[np.uint8], facts: ImageMetadata, databar_rows: int
 
 
 def encode(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFrame:
-    """A frame as TESCAN software exports it, 16 bit whatever the detector gave."""
+    """A frame as TESCAN software exports it: 16 bit for any detector."""
     shallow = image.astype(np.uint8) if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
     deep = image.astype(np.uint16) * np.uint16(257) if image.dtype == np.uint8 else image
     pixels = databar.appended(deep, facts, databar_rows)

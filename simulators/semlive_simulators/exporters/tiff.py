@@ -1,4 +1,4 @@
-"""TIFF files put together by hand, because the vendors' layouts differ: directory before or behind the pixels, private tags.
+"""TIFF files in the layouts of the vendors: directory before or after the pixels, private tags.
 
 Layout: TIFF 6.0 specification, section 2; little endian.
 """
@@ -16,7 +16,7 @@ Entry = tuple[int, int, int, bytes]
 """Tag, type, count, value."""
 
 GREY_RAMP = tuple(257 * level for level in range(256)) * 3
-"""A palette in which the index is the grey value, as Zeiss and JEOL write it."""
+"""A palette in which the index is the grey value, as in files of Zeiss and JEOL."""
 
 
 def shorts(tag: int, *values: int) -> Entry:
@@ -46,17 +46,17 @@ def raw_bytes(tag: int, data: bytes) -> Entry:
 
 
 def row_strips(pixels: Pixels, rows: int) -> list[bytes]:
-    """Uncompressed strips of so many rows."""
+    """Uncompressed strips of a number of rows."""
     return [pixels[first : first + rows].astype(pixels.dtype.newbyteorder("<")).tobytes() for first in range(0, pixels.shape[0], rows)]
 
 
 def file_bytes(strips: Sequence[bytes], entries: Sequence[Entry], *, directory_first: bool) -> bytes:
-    """A whole file with one image.
+    """A complete file with one image.
 
     Args:
         strips: the pixel data as stored.
         entries: all tags but strip offsets and strip lengths, which are added here.
-        directory_first: the directory stands before the pixels (Zeiss), otherwise behind them (FEI, TESCAN, JEOL).
+        directory_first: whether the directory is before the pixels (Zeiss), or after them (FEI, TESCAN, JEOL).
     """
     lengths = [len(strip) for strip in strips]
     pixel_bytes = sum(lengths) + sum(lengths) % 2

@@ -1,4 +1,4 @@
-"""How the files of a frame grow in the folder: a plan of writes, each at its time, and its execution."""
+"""Growth of the files of a frame in the folder: a plan of writes with their times, and its execution."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from semlive_simulators.exporters.settings import Export, WriteStyle
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """Bytes that go to a place in a file.
+    """One write to a file.
 
     Attributes:
-        due_s: when, seconds after the end of the scan.
-        offset: where in the file.
-        data: what.
+        due_s: time, seconds after the end of the scan.
+        offset: position in the file, bytes.
+        data: bytes to write.
     """
 
     due_s: float
@@ -29,13 +29,13 @@ class Write:
 
 @dataclass(frozen=True, slots=True)
 class FilePlan:
-    """How one file comes into being.
+    """The plan of one file.
 
     Attributes:
-        name: it has in the end.
-        working_name: it has while it is written.
-        writes: in order of time.
-        finished: the file becomes whole; otherwise it keeps its working name and lacks its last bytes.
+        name: final name.
+        working_name: name while it is written.
+        writes: writes in the order of time.
+        finished: whether the file becomes complete; otherwise it keeps its working name and lacks its last bytes.
     """
 
     name: str
@@ -45,17 +45,17 @@ class FilePlan:
 
     @property
     def last_s(self) -> float:
-        """When it is whole, seconds after the end of the scan."""
+        """Time of the last write, seconds after the end of the scan."""
         return self.writes[-1].due_s
 
 
 def plan_files(product: EncodedFrame, name: str, export: Export, frame: int = 0) -> tuple[FilePlan, ...]:
-    """The image file, then its sidecar, which is small and comes at once or, beside an image that is never finished, not at all."""
-    data, pieces = product.image, export.chunks
-    bounds = [round(part * len(data) / pieces) for part in range(pieces + 1)]
+    """Plans of the image file and of its sidecar, which is written in one piece; an image that is never finished has no sidecar."""
+    data, chunks = product.image, export.chunks
+    bounds = [round(part * len(data) / chunks) for part in range(chunks + 1)]
     writes = [
-        Write(export.delay_s + export.duration_s * (part + 1) / pieces, bounds[part], data[bounds[part] : bounds[part + 1]])
-        for part in range(pieces)
+        Write(export.delay_s + export.duration_s * (part + 1) / chunks, bounds[part], data[bounds[part] : bounds[part + 1]])
+        for part in range(chunks)
     ]
     if export.style is WriteStyle.PREALLOCATE:
         writes.insert(0, Write(export.delay_s, 0, bytes(len(data))))
@@ -65,39 +65,39 @@ def plan_files(product: EncodedFrame, name: str, export: Export, frame: int = 0)
     image = FilePlan(name, working_name, tuple(writes))
     if product.sidecar is None:
         return (image,)
-    beside = Path(name).with_suffix(".txt").name
-    return image, FilePlan(beside, beside, (Write(image.last_s + export.sidecar_delay_s, 0, product.sidecar),))
+    sidecar = Path(name).with_suffix(".txt").name
+    return image, FilePlan(sidecar, sidecar, (Write(image.last_s + export.sidecar_delay_s, 0, product.sidecar),))
 
 
-def _until(writes: list[Write], end: int, whole: int) -> list[Write]:
-    """The writes up to a byte of the file; what preallocates it stays, and what lies behind is never written."""
-    preallocated = len(writes[0].data) == whole and len(writes) > 1
-    kept = writes[:1] if preallocated else []
-    for write in writes[len(kept) :]:
-        if write.offset < end or not kept:
-            kept.append(Write(write.due_s, write.offset, write.data[: max(0, end - write.offset)]))
-    return kept
+def _until(writes: list[Write], end: int, size: int) -> list[Write]:
+    """The writes up to a byte of a file of a size; a write that preallocates the file is retained."""
+    preallocated = len(writes[0].data) == size and len(writes) > 1
+    retained = writes[:1] if preallocated else []
+    for write in writes[len(retained) :]:
+        if write.offset < end or not retained:
+            retained.append(Write(write.due_s, write.offset, write.data[: max(0, end - write.offset)]))
+    return retained
 
 
 def write_file(plan: FilePlan, folder: Path, begin_ns: int, at: Callable[[float], AbstractContextManager[object]]) -> None:
     """Write a file as planned; its modification time is that of its last write.
 
     Args:
-        plan: of the file.
-        folder: where.
-        begin_ns: from when the plan counts, UTC ns: the end of the scan, or of the export before.
-        at: gives a context that begins when so many seconds have passed since then.
+        plan: plan of the file.
+        folder: the export folder.
+        begin_ns: start of the plan, UTC ns: the end of the scan, or of the previous export.
+        at: returns a context that begins a number of seconds after the start of the plan.
     """
     working, path = folder / plan.working_name, folder / plan.name
     first, *rest = plan.writes
     with at(first.due_s):
-        stream = open(working, "wb", buffering=0)  # noqa: SIM115 - it stays open, as the instrument keeps it
+        stream = open(working, "wb", buffering=0)  # noqa: SIM115 - it stays open between writes, as with an instrument
         stream.write(first.data)
     with stream:
-        for piece in rest:
-            with at(piece.due_s):
-                stream.seek(piece.offset)
-                stream.write(piece.data)
+        for write in rest:
+            with at(write.due_s):
+                stream.seek(write.offset)
+                stream.write(write.data)
     last_ns = begin_ns + round(plan.last_s * 1e9)
     os.utime(working, ns=(last_ns, last_ns))
     if working != path and plan.finished:

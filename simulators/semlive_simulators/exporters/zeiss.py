@@ -1,8 +1,8 @@
-"""Zeiss: text in tag 34118 (the same as UTF-16 in 34119), directory before the pixels, a palette, annotation burnt into the image.
+"""Zeiss: text in tag 34118 (the same as UTF-16 in 34119), directory before the pixels, a palette, databar in the image.
 
-The cycle time is printed in minutes to a tenth when it is long, so that only the line time is of use.
-Because the directory comes first, a preallocated and half-filled file decodes without error. ``DP_DWELL_TIME`` is in every file
-and has nothing to do with the image's dwell time; ``AP_PIXEL_SIZE`` and the fourth number are those of an image 1024 px wide.
+A long cycle time is printed in minutes with one decimal, so that only the line time is accurate. Because the directory comes first, a
+preallocated and partly written file decodes without error. ``DP_DWELL_TIME`` is in every file and is not the dwell time of the image;
+``AP_PIXEL_SIZE`` and the fourth number are those of an image 1024 px wide.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct",
 
 
 def _time(seconds: float) -> str:
-    """A time in the unit that Zeiss software would choose: five digits, but minutes to a tenth."""
+    """A time in the unit of Zeiss software: five digits, but minutes with one decimal."""
     for unit, scale in (("Secs", 1.0), ("ms", 1e-3)):
         if seconds >= scale:
             return f"{seconds / 60:.1f} Mins" if seconds >= 60 else f"{seconds / scale:.5g} {unit}"
@@ -72,7 +72,7 @@ def _time(seconds: float) -> str:
 
 
 def _length(metres: float) -> str:
-    """A length in the unit that Zeiss software would choose, four digits."""
+    """A length in the unit of Zeiss software, with four digits."""
     for unit, scale in (("mm", 1e-3), ("µm", 1e-6)):
         if metres >= scale:
             return f"{metres / scale:.4g} {unit}"
@@ -80,10 +80,10 @@ def _length(metres: float) -> str:
 
 
 def encode(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFrame:
-    """A frame as SmartSEM exports it; the annotation takes the image's own last rows."""
+    """A frame as SmartSEM exports it; the databar replaces the last rows of the image."""
     pixels = databar.burnt_in(image, facts, databar_rows)
     height, width = pixels.shape
-    told = cz_sem_text(facts)
+    text = cz_sem_text(facts)
     deep = pixels.dtype == np.uint16
     entries = [
         tiff.longs(254, 0),
@@ -100,7 +100,7 @@ def encode(image: Pixels, facts: ImageMetadata, databar_rows: int) -> EncodedFra
         tiff.shorts(296, 1),
         *([] if deep else [tiff.shorts(320, *tiff.GREY_RAMP)]),
         tiff.shorts(339, 1),
-        tiff.text(34118, told, "cp1252"),
-        tiff.raw_bytes(34119, told.encode("utf-16-le") + b"\0\0"),
+        tiff.text(34118, text, "cp1252"),
+        tiff.raw_bytes(34119, text.encode("utf-16-le") + b"\0\0"),
     ]
     return EncodedFrame(tiff.file_bytes([tiff.row_strips(pixels, height)[0]], entries, directory_first=True))

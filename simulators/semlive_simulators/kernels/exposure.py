@@ -1,4 +1,4 @@
-"""Exposure in separate steps: where the beam is, what it sees there, what becomes of it. `raster_rows` does the plain case at once."""
+"""Exposure in separate steps: beam position, coverage with gold, noise. `raster_rows` computes the plain raster in one loop."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ _HEXAGON_WEIGHT = np.array([0.5, *[1.0 / 12.0] * 6])
 
 
 @njit(cache=True, nogil=True)
-def seen_points(x_px, y_px, first_row, bend_x_px, bend_y_px, begin_maps, end_maps, reversed_rows):
-    """The point seen at each scan address: xi = A (R - bend) + b, where A and b run linearly through the row.
+def beam_points(x_px, y_px, first_row, offset_x_px, offset_y_px, begin_maps, end_maps, reversed_rows):
+    """The material point at each scan address: xi = A (R - offset) + b, where A and b change linearly within a row.
 
     Args:
         x_px: (rows, width) float64, written.
         y_px: likewise.
         first_row: number of the first row in the frame.
-        bend_x_px: (rows, width) float64, distortion and all displacements of the image at each scan address.
-        bend_y_px: likewise.
-        begin_maps: (rows, 2, 3) float64, [A | b] when a row's first pixel is visited.
-        end_maps: the same a dwell time after its last pixel is visited.
-        reversed_rows: (rows,) bool, whether the row runs from right to left.
+        offset_x_px: (rows, width) float64, distortion and all displacements of the image at each scan address.
+        offset_y_px: likewise.
+        begin_maps: (rows, 2, 3) float64, [A | b] at the first visited pixel of a row.
+        end_maps: (rows, 2, 3) float64, [A | b] one dwell time after the last visited pixel.
+        reversed_rows: (rows,) bool, whether the row is scanned from right to left.
     """
     width = x_px.shape[1]
     for index in range(x_px.shape[0]):
-        here = begin_maps[index]
-        there = end_maps[index]
+        begin = begin_maps[index]
+        end = end_maps[index]
         for column in range(width):
-            px = column - bend_x_px[index, column]
-            py = first_row + index - bend_y_px[index, column]
+            px = column - offset_x_px[index, column]
+            py = first_row + index - offset_y_px[index, column]
             visited = width - 1 - column if reversed_rows[index] else column
             f = visited / width
-            x0 = here[0, 0] * px + here[0, 1] * py + here[0, 2]
-            y0 = here[1, 0] * px + here[1, 1] * py + here[1, 2]
-            x_px[index, column] = x0 + f * (there[0, 0] * px + there[0, 1] * py + there[0, 2] - x0)
-            y_px[index, column] = y0 + f * (there[1, 0] * px + there[1, 1] * py + there[1, 2] - y0)
+            x0 = begin[0, 0] * px + begin[0, 1] * py + begin[0, 2]
+            y0 = begin[1, 0] * px + begin[1, 1] * py + begin[1, 2]
+            x_px[index, column] = x0 + f * (end[0, 0] * px + end[0, 1] * py + end[0, 2] - x0)
+            y_px[index, column] = y0 + f * (end[1, 0] * px + end[1, 1] * py + end[1, 2] - y0)
 
 
 @njit(cache=True, nogil=True)
-def _add_dots(bare, xs, ys, seed, numbers, dots, box):
-    """Multiply the bare part of points (n,) of a row by what every dot leaves of it."""
+def _add_dots(uncovered, xs, ys, seed, numbers, dots, box):
+    """Multiply the uncovered fraction of points (n,) of a row by that of every dot."""
     pitch_px, edge_px = numbers[0], numbers[4]
     begin = 0
     while begin < xs.size:
@@ -57,31 +57,31 @@ def _add_dots(bare, xs, ys, seed, numbers, dots, box):
         for slot in range(9):
             if dots[slot, 2] >= 0.0 and reaches(dots[slot, 0], dots[slot, 1], dots[slot, 2] + edge_px, box):
                 part = xs[begin:end], ys[begin:end]
-                cover(bare[begin:end], *part, dots[slot, 0], dots[slot, 1], dots[slot, 2], dots[slot, 3], edge_px)
+                cover(uncovered[begin:end], *part, dots[slot, 0], dots[slot, 1], dots[slot, 2], dots[slot, 3], edge_px)
         begin = end
 
 
 @njit(cache=True, nogil=True)
 def add_coverage(signal, x_px, y_px, probe_px, weight, kind, pattern_seed, numbers):
-    """Add what a probe of finite size sees.
+    """Add the coverage with gold, averaged over a probe of finite size.
 
     A Gaussian probe is seven points: the centre with weight 1/2 and a hexagon of radius 2 sigma with 1/12 each, exact for
     polynomials up to degree 5 (Stroud 1971, E2 r2 5-1); an elliptic one has the hexagon stretched.
 
     Args:
         signal: (rows, width) float64, added to.
-        x_px: (rows, width) float64, points seen.
+        x_px: (rows, width) float64, material points.
         y_px: likewise.
         probe_px: (rows, 2, 2) float64, L of the probe's covariance L L^T; zeros for a point.
-        weight: of this visit.
+        weight: weight of this visit.
         kind: DOTS or FILM.
-        pattern_seed: of the pattern.
+        pattern_seed: seed of the pattern.
         numbers: (5,) float64; edge of a cell first, the rest see `load_dots` and `coverage`, or `thickness` and `cut_off`.
     """
     dots = np.empty((9, 4))
     grains = np.empty((GRAINS, 3))
     box = np.empty(4)
-    seen = np.empty(signal.shape[1])
+    covered = np.empty(signal.shape[1])
     for index in range(signal.shape[0]):
         probe = probe_px[index]
         points = 7 if probe[0, 0] > 0.0 or probe[1, 1] > 0.0 else 1
@@ -90,14 +90,14 @@ def add_coverage(signal, x_px, y_px, probe_px, weight, kind, pattern_seed, numbe
             xs = x_px[index] + (probe[0, 0] * _HEXAGON_X[point] + probe[0, 1] * _HEXAGON_Y[point])
             ys = y_px[index] + (probe[1, 0] * _HEXAGON_X[point] + probe[1, 1] * _HEXAGON_Y[point])
             if kind == FILM:
-                seen[:] = 0.0
-                thickness(seen, xs, ys, pattern_seed, numbers[0], grains, box)
-                cut_off(seen, numbers[1], numbers[2])
-                signal[index] += share * seen
+                covered[:] = 0.0
+                thickness(covered, xs, ys, pattern_seed, numbers[0], grains, box)
+                cut_off(covered, numbers[1], numbers[2])
+                signal[index] += share * covered
             else:
-                seen[:] = 1.0
-                _add_dots(seen, xs, ys, pattern_seed, numbers, dots, box)
-                signal[index] += share * (1.0 - seen)
+                covered[:] = 1.0
+                _add_dots(covered, xs, ys, pattern_seed, numbers, dots, box)
+                signal[index] += share * (1.0 - covered)
 
 
 @njit(cache=True, nogil=True)
@@ -110,7 +110,7 @@ def digitise(out, first_row, grey, variance, scale, noise_seed, frame):
         grey: (rows, width) float64, levels of 8 bit.
         variance: (rows, width) float64, of the noise, levels squared.
         scale: 1 for 8 bit, 256 for 16 bit.
-        noise_seed: of the noise.
+        noise_seed: seed of the noise.
         frame: number of the frame.
     """
     top = 256.0 * scale - 1.0

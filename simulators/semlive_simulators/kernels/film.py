@@ -1,4 +1,4 @@
-"""A gold film rearranged into islands: a random thickness, cut off softly, evaluated at any point of an infinite plane."""
+"""A gold film rearranged into islands: a random thickness with a soft threshold, evaluated at any point of an infinite plane."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from semlive_simulators.kernels.pattern import _LOW16, _S16, _S32, _STEP_X, _STE
 PER_CELL = 2
 GRAINS = 9 * PER_CELL
 _SD = math.sqrt(PER_CELL * math.pi / 9.0)
-"""Of the thickness: bumps of unit variance, (1 - q)^4 squared has the integral pi / 9 over a bump of radius 1 (cells of edge 1)."""
+"""Standard deviation of the thickness with bumps of unit variance; (1 - q)^4 squared has the integral pi / 9 over a
+bump of radius 1 (cells of edge 1)."""
 
 
 @njit(cache=True, nogil=True)
@@ -22,7 +23,7 @@ def load_grains(cell_x, cell_y, seed, grain_px, grains):
     Args:
         cell_x: column of the middle cell.
         cell_y: row of the middle cell.
-        seed: of the pattern.
+        seed: seed of the pattern.
         grain_px: edge of a cell, radius of a bump.
         grains: (GRAINS, 3) float64, filled with centre x, centre y, height.
     """
@@ -40,43 +41,43 @@ def load_grains(cell_x, cell_y, seed, grain_px, grains):
 
 @njit(cache=True, nogil=True)
 def shared_cell(xs, ys, begin, cell_px, box):
-    """Where the points (n,) that share a cell with the one at `begin` end; their least and largest x, then y, go to `box`."""
-    left = math.floor(xs[begin] / cell_px) * cell_px
-    top = math.floor(ys[begin] / cell_px) * cell_px
-    least_x = most_x = xs[begin]
-    least_y = most_y = ys[begin]
+    """End of the points (n,) from `begin` on that are in one cell; their smallest and largest x, then y, are written to `box`."""
+    corner_x = math.floor(xs[begin] / cell_px) * cell_px
+    corner_y = math.floor(ys[begin] / cell_px) * cell_px
+    min_x = max_x = xs[begin]
+    min_y = max_y = ys[begin]
     end = begin + 1
     while end < xs.size:
         x = xs[end]
         y = ys[end]
-        if x < left or x >= left + cell_px or y < top or y >= top + cell_px:
+        if x < corner_x or x >= corner_x + cell_px or y < corner_y or y >= corner_y + cell_px:
             break
-        least_x = min(least_x, x)
-        most_x = max(most_x, x)
-        least_y = min(least_y, y)
-        most_y = max(most_y, y)
+        min_x = min(min_x, x)
+        max_x = max(max_x, x)
+        min_y = min(min_y, y)
+        max_y = max(max_y, y)
         end += 1
-    box[0], box[1], box[2], box[3] = least_x, most_x, least_y, most_y
+    box[0], box[1], box[2], box[3] = min_x, max_x, min_y, max_y
     return end
 
 
 @njit(cache=True, nogil=True)
 def reaches(x, y, radius, box):
-    """Whether a disc comes near enough to a box to matter to points in it."""
-    far_x = max(0.0, box[0] - x, x - box[1])
-    far_y = max(0.0, box[2] - y, y - box[3])
-    return far_x * far_x + far_y * far_y < radius * radius
+    """Whether a disc overlaps a box."""
+    distance_x = max(0.0, box[0] - x, x - box[1])
+    distance_y = max(0.0, box[2] - y, y - box[3])
+    return distance_x * distance_x + distance_y * distance_y < radius * radius
 
 
 @njit(cache=True, nogil=True)
 def add_bump(values, xs, ys, centre_x, centre_y, height, scale):
-    """Add height (1 - r^2 scale)^4 to values at points (n,): no branch, so that it runs in the processor's vectors."""
+    """Add height (1 - r^2 scale)^4 to values at points (n,), without a branch, so that the loop is vectorised."""
     for column in range(values.size):
         dx = xs[column] - centre_x
         dy = ys[column] - centre_y
-        left = 1.0 - (dx * dx + dy * dy) * scale
-        left = 0.5 * (left + abs(left))
-        square = left * left
+        base = 1.0 - (dx * dx + dy * dy) * scale
+        base = 0.5 * (base + abs(base))
+        square = base * base
         values[column] += height * square * square
 
 
@@ -84,15 +85,15 @@ def add_bump(values, xs, ys, centre_x, centre_y, height, scale):
 def thickness(values, xs, ys, seed, grain_px, grains, box):
     """Add the film's thickness at points (n,) of a row to values.
 
-    The thickness is a sum of bumps (1 - r^2 / R^2)^4 of random place and sign (sparse convolution, Lewis 1989,
-    doi:10.1145/74334.74360): no lattice, no period, three times differentiable, standard deviation 1 everywhere. It is summed bump
-    by bump over all points that share a cell, but for bumps that end before the points begin.
+    The thickness is a sum of bumps (1 - r^2 / R^2)^4 of random position and sign (sparse convolution, Lewis 1989,
+    doi:10.1145/74334.74360): no lattice, no period, three times differentiable, standard deviation 1 everywhere. All points of one
+    cell are computed together, without the bumps that do not overlap them.
 
     Args:
         values: (n,) float64, added to.
         xs: (n,) float64 points.
         ys: likewise.
-        seed: of the pattern.
+        seed: seed of the pattern.
         grain_px: edge of a cell, radius of a bump.
         grains: (GRAINS, 3) float64, scratch.
         box: (4,) float64, scratch.
@@ -111,7 +112,7 @@ def thickness(values, xs, ys, seed, grain_px, grains, box):
 
 @njit(cache=True, nogil=True)
 def cut_off(values, level, softness):
-    """Thickness (n,) becomes gold, 0 to 1, in place: what is thicker than `level`; a quintic step of half width `softness` leads there."""
+    """Convert thickness (n,) to gold, 0 to 1, in place: a quintic step of half width `softness` at `level`."""
     for column in range(values.size):
         t = 0.5 + (values[column] - level) / (2.0 * softness)
         t = min(1.0, max(0.0, t))

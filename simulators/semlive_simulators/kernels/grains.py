@@ -13,7 +13,7 @@ from semlive_simulators.kernels.pattern import _LOW16, _S16, _S32, _STEP_X, _STE
 
 @njit(cache=True, nogil=True)
 def _load_seeds(cell_x, cell_y, seed, seeds):
-    """Seeds of the 5 x 5 cells around a cell (one in each), which always hold the two nearest: x, y in cells, offset -1 ... 1."""
+    """Seeds of the 5 x 5 cells around a cell (one in each), which always contain the two nearest: x, y in cells, offset -1 ... 1."""
     slot = 0
     for row in range(cell_y - 2, cell_y + 3):
         for column in range(cell_x - 2, cell_x + 3):
@@ -31,7 +31,7 @@ def grain_grey(x_px, y_px, seed, width_px, length_px, edge_px):
     Args:
         x_px: (rows, width) float64 points.
         y_px: likewise.
-        seed: which grains.
+        seed: seed of the grains.
         width_px: edge of a cell along x.
         length_px: edge of a cell along y.
         edge_px: half width of a boundary.
@@ -39,7 +39,7 @@ def grain_grey(x_px, y_px, seed, width_px, length_px, edge_px):
     Returns:
         (rows, width) float64.
     """
-    found = np.empty(x_px.shape)
+    offsets = np.empty(x_px.shape)
     seeds = np.empty((25, 3))
     edge = edge_px / width_px
     for index in range(x_px.shape[0]):
@@ -70,19 +70,19 @@ def grain_grey(x_px, y_px, seed, width_px, length_px, edge_px):
                 elif square < second:
                     second = square
                     second_slot = slot
-            apart = math.hypot(seeds[first_slot, 0] - seeds[second_slot, 0], seeds[first_slot, 1] - seeds[second_slot, 1])
-            t = min(1.0, 0.5 + (second - nearest) / (4.0 * apart * edge))
+            distance = math.hypot(seeds[first_slot, 0] - seeds[second_slot, 0], seeds[first_slot, 1] - seeds[second_slot, 1])
+            t = min(1.0, 0.5 + (second - nearest) / (4.0 * distance * edge))
             share = t * t * t * (10.0 + t * (6.0 * t - 15.0))
-            found[index, column] = share * seeds[first_slot, 2] + (1.0 - share) * seeds[second_slot, 2]
-    return found
+            offsets[index, column] = share * seeds[first_slot, 2] + (1.0 - share) * seeds[second_slot, 2]
+    return offsets
 
 
 @njit(cache=True, nogil=True)
 def smooth_field(x_px, y_px, seed, grain_px):
     """The film's `thickness`: a random field of standard deviation 1, (rows, width) float64 for points (rows, width)."""
-    found = np.zeros(x_px.shape)
+    field = np.zeros(x_px.shape)
     grains = np.empty((GRAINS, 3))
     box = np.empty(4)
     for index in range(x_px.shape[0]):
-        thickness(found[index], x_px[index], y_px[index], seed, grain_px, grains, box)
-    return found
+        thickness(field[index], x_px[index], y_px[index], seed, grain_px, grains, box)
+    return field

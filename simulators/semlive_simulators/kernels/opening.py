@@ -1,4 +1,4 @@
-"""An elliptic opening in an elastic plate, point by point in real numbers, so that the loops run in the processor's vectors.
+"""An elliptic opening in an elastic plate, at points in real numbers, so that the loops are vectorised.
 
 The formulas and their sources are those of `semlive_simulators.specimen.elliptic`.
 """
@@ -21,7 +21,7 @@ def _mapped(x, y, flatness):
     q = 0.5 * abs(b) / max(p, _TINY)
     root_x = p if a >= 0.0 else q
     root_y = q if a >= 0.0 else p
-    # Of both roots the one that points the way z does; b has the sign of x y.
+    # The root in the direction of z; b has the sign of x y.
     root_x = root_x if x >= 0.0 else -root_x
     root_y = root_y if y >= 0.0 else -root_y
     return 0.5 * (x + root_x), 0.5 * (y + root_y)
@@ -29,7 +29,7 @@ def _mapped(x, y, flatness):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def outside(radius, x_px, y_px, size_px, flatness):
-    """Write |zeta| of points (n,) counted from the middle of the opening."""
+    """Write |zeta| of points (n,) from the centre of the opening."""
     for index in range(radius.size):
         zeta_x, zeta_y = _mapped(x_px[index] / size_px, y_px[index] / size_px, flatness)
         radius[index] = math.sqrt(zeta_x * zeta_x + zeta_y * zeta_y)
@@ -37,12 +37,12 @@ def outside(radius, x_px, y_px, size_px, flatness):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def opened(u_px, v_px, x_px, y_px, size_px, flatness, poissons_ratio):
-    """What the opening adds to the displacement at strain 1 far away; inside the value on its edge.
+    """Additional displacement by the opening at a remote strain of 1; inside the value on its edge.
 
     Args:
         u_px: (n,) float64, written.
         v_px: likewise.
-        x_px: (n,) float64 material points from the middle of the opening.
+        x_px: (n,) float64 material points from the centre of the opening.
         y_px: likewise.
         size_px: R, half the sum of the half axes.
         flatness: m, their difference over their sum.
@@ -78,7 +78,7 @@ def opened(u_px, v_px, x_px, y_px, size_px, flatness, poissons_ratio):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def darken(grey, x_px, y_px, size_px, flatness, level, edge_px):
-    """Mix grey levels (n,) with that of the opening, in place; its edge is a quintic step of half width about `edge_px`."""
+    """Mix grey levels (n,) with the level of the opening, in place; its edge is a quintic step of half width about `edge_px`."""
     for index in range(grey.size):
         zeta_x, zeta_y = _mapped(x_px[index] / size_px, y_px[index] / size_px, flatness)
         t = 0.5 + (math.sqrt(zeta_x * zeta_x + zeta_y * zeta_y) - 1.0) * size_px / (2.0 * edge_px)

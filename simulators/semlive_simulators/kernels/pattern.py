@@ -55,11 +55,11 @@ def load_dots(cell_x, cell_y, seed, pitch_px, radius_px, radius_spread, presence
     Args:
         cell_x: column of the middle cell.
         cell_y: row of the middle cell.
-        seed: of the pattern.
+        seed: seed of the pattern.
         pitch_px: edge of a cell.
         radius_px: mean radius of a dot.
         radius_spread: half range of the radius as a fraction of it.
-        presence: probability that a cell holds a dot.
+        presence: probability of a dot in a cell.
         dots: (9, 4) float64, filled with centre x, centre y, radius (-1 without a dot), brightness.
     """
     slot = 0
@@ -77,12 +77,12 @@ def load_dots(cell_x, cell_y, seed, pitch_px, radius_px, radius_spread, presence
 
 @njit(cache=True, nogil=True, inline="always")
 def coverage(x, y, dots, edge_px):
-    """How much gold is seen at a point, 0 to 1, given the dots around it.
+    """Coverage with gold at a point, 0 to 1, by the dots around it.
 
-    A dot's edge is a quintic step of half width `edge_px` (its slope has a standard deviation of 0.378 edge_px):
-    twice differentiable, so that it is as smooth as what an electron probe of finite size sees.
+    The edge of a dot is a quintic step of half width `edge_px` (its slope has a standard deviation of 0.378 edge_px):
+    twice differentiable, as smooth as an image with an electron probe of finite size.
     """
-    bare = 1.0
+    uncovered = 1.0
     for slot in range(9):
         radius = dots[slot, 2]
         if radius < 0.0:
@@ -90,22 +90,22 @@ def coverage(x, y, dots, edge_px):
         dx = x - dots[slot, 0]
         dy = y - dots[slot, 1]
         square = dx * dx + dy * dy
-        reach = radius + edge_px
-        if square < reach * reach:
-            t = (reach - math.sqrt(square)) / (2.0 * edge_px)
+        extent = radius + edge_px
+        if square < extent * extent:
+            t = (extent - math.sqrt(square)) / (2.0 * edge_px)
             if t > 1.0:
                 t = 1.0
-            bare *= 1.0 - dots[slot, 3] * t * t * t * (10.0 + t * (6.0 * t - 15.0))
-    return 1.0 - bare
+            uncovered *= 1.0 - dots[slot, 3] * t * t * t * (10.0 + t * (6.0 * t - 15.0))
+    return 1.0 - uncovered
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cover(bare, xs, ys, centre_x, centre_y, radius, brightness, edge_px):
-    """Take what a dot covers from the bare part of points (n,), as `coverage` does, without a branch."""
-    reach = radius + edge_px
-    for column in range(bare.size):
+def cover(uncovered, xs, ys, centre_x, centre_y, radius, brightness, edge_px):
+    """Reduce the uncovered fraction of points (n,) by one dot, as `coverage`, without a branch."""
+    extent = radius + edge_px
+    for column in range(uncovered.size):
         dx = xs[column] - centre_x
         dy = ys[column] - centre_y
-        t = (reach - math.sqrt(dx * dx + dy * dy)) / (2.0 * edge_px)
+        t = (extent - math.sqrt(dx * dx + dy * dy)) / (2.0 * edge_px)
         t = min(1.0, max(0.0, t))
-        bare[column] *= 1.0 - brightness * t * t * t * (10.0 + t * (6.0 * t - 15.0))
+        uncovered[column] *= 1.0 - brightness * t * t * t * (10.0 + t * (6.0 * t - 15.0))

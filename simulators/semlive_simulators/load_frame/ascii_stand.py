@@ -1,12 +1,12 @@
-"""A test stand that is spoken to in single letters over a serial line, after the public manuals of Mark-10's ESM301 and ESM303.
+"""A test stand with commands of single letters on a serial line, after the public manuals of Mark-10 ESM301 and ESM303.
 
 ``u`` up, ``d`` down, ``s`` stop, ``n`` travel and force, ``x`` travel, ``p`` status, ``a`` speed, ``eXXXX.X`` set speed in
-mm/min, ``gXXX.XX`` and ``hXXX.XX`` lower and upper travel limit in mm (a minus sign in front if needed), ``v`` and ``w`` ask for
-them (upper, lower), ``l`` limit mode, ``m`` manual mode, ``z`` travel is zero here. Motions and settings have no reply; letters
-that mean nothing are passed over.
+mm/min, ``gXXX.XX`` and ``hXXX.XX`` set the lower and upper travel limit in mm (with a minus sign if negative), ``v`` and ``w`` read
+them (upper, lower), ``l`` limit mode, ``m`` manual mode, ``z`` set travel to zero. Motions and settings have no reply; other letters are
+ignored.
 
-The status is what the manuals list: U, D or S, then L or M, then UL or DL at a limit. How a reading is laid out they do not
-say: here it is travel, then force, each with its unit on a line of its own. Displacement control only, as such stands are.
+The status is that of the manuals: U, D or S, then L or M, then UL or DL at a limit. The manuals do not state the layout of a reading:
+here it is travel, then force, each with its unit on a separate line. The stand has displacement control only.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from semlive_simulators.specimen.machine import LoadTrain
 
 BAUD = 115_200
-_WORDS = re.compile(rb"e(?P<speed>\d{4}\.\d)|g(?P<lower>-?\d{3}\.\d\d)|h(?P<upper>-?\d{3}\.\d\d)|(?P<letter>[a-z])")
-_SLOWEST_MM_MIN, _FASTEST_MM_MIN = 0.5, 1100.0
+_COMMANDS = re.compile(rb"e(?P<speed>\d{4}\.\d)|g(?P<lower>-?\d{3}\.\d\d)|h(?P<upper>-?\d{3}\.\d\d)|(?P<letter>[a-z])")
+_MIN_SPEED_MM_MIN, _MAX_SPEED_MM_MIN = 0.5, 1100.0
 
 
 @dataclass(slots=True)
@@ -32,7 +32,7 @@ class _Settings:
 
 
 class AsciiTestStand:
-    """Answers letters by driving the bench's machine."""
+    """Executes commands on the machine of the bench, and answers them."""
 
     def __init__(self, machine: LoadTrain, now_ns: Callable[[], int]) -> None:
         self._machine = machine
@@ -41,25 +41,25 @@ class AsciiTestStand:
 
     def answer(self, burst: bytes) -> bytes:
         """The replies to all commands in a burst of bytes."""
-        return b"".join(self._obey(word) for word in _WORDS.finditer(burst))
+        return b"".join(self._obey(command) for command in _COMMANDS.finditer(burst))
 
     def watch_limits(self) -> None:
-        """Stop at a travel limit; to be called often, as the stand looks at its limits all the time."""
+        """Stop at a travel limit; to be called often, because the stand checks its limits continuously."""
         if self._settings.limit_mode and self._at_limit():
             direction = self._machine.jogging_mm_s
             if (direction > 0 and self._at_limit() == "UL") or (direction < 0 and self._at_limit() == "DL"):
                 self._machine.stop_load()
 
-    def _obey(self, word: re.Match[bytes]) -> bytes:
-        settings, given = self._settings, word.lastgroup
-        if given == "speed":
-            settings.speed_mm_min = min(max(float(word["speed"]), _SLOWEST_MM_MIN), _FASTEST_MM_MIN)
-        elif given == "lower":
-            settings.lower_mm = float(word["lower"])
-        elif given == "upper":
-            settings.upper_mm = float(word["upper"])
+    def _obey(self, command: re.Match[bytes]) -> bytes:
+        settings, kind = self._settings, command.lastgroup
+        if kind == "speed":
+            settings.speed_mm_min = min(max(float(command["speed"]), _MIN_SPEED_MM_MIN), _MAX_SPEED_MM_MIN)
+        elif kind == "lower":
+            settings.lower_mm = float(command["lower"])
+        elif kind == "upper":
+            settings.upper_mm = float(command["upper"])
         else:
-            return self._letter(word["letter"].decode())
+            return self._letter(command["letter"].decode())
         return b""
 
     def _letter(self, letter: str) -> bytes:
@@ -74,10 +74,10 @@ class AsciiTestStand:
         elif letter == "z":
             settings.zero_mm = self._extension_mm()
         else:
-            return self._told(letter).encode()
+            return self._answer_to(letter).encode()
         return b""
 
-    def _told(self, letter: str) -> str:
+    def _answer_to(self, letter: str) -> str:
         settings = self._settings
         if letter == "n":
             return f"{self._travel_mm():.3f} mm\r\n{self._machine.read(self._now_ns()).force_n:.2f} N\r\n"

@@ -1,4 +1,4 @@
-"""How the load frame moves: pure functions of a state and a stretch of experiment time."""
+"""Motion of the load frame: pure functions of a state and a duration of experiment time."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from pydantic import ConfigDict
 
 @dataclass(frozen=True, slots=True)
 class LoadFrameParameters:
-    """What kind of machine it is.
+    """Parameters of the load frame.
 
     Attributes:
-        machine_stiffness_n_mm: of everything in series with the specimen.
-        approach_time_s: time constant of the last part of a ramp.
-        arrived_n: the ramp is over this close to its target; the position is held from there on.
-        relaxation_fraction: part of the load that is lost at held position.
-        relaxation_time_s: time constant of that loss.
-        force_limit_n: beyond this the machine stops with a fault.
-        cell_noise_n: standard deviation of one reading of the load cell.
-        extension_noise_mm: standard deviation of one reading of the crosshead.
-        extension_min_mm: where the lower limit switch sits.
-        extension_max_mm: where the upper one sits.
-        slip_n: the grips slip when the force first exceeds this.
-        slip_mm: how far they slip.
-        fracture_n: the specimen breaks beyond this force.
-        cell_resolution_n: step of the load cell's readings, which are whole multiples of it; 0 is none.
-        hold: what is held after a ramp: the ``position``, so that the load relaxes, or the ``load``, so that the crosshead creeps on.
+        machine_stiffness_n_mm: stiffness of all parts in series with the specimen, N/mm.
+        approach_time_s: time constant of the last part of a ramp, s.
+        arrived_n: distance from the target at which a ramp ends, N.
+        relaxation_fraction: fraction of the load that relaxes at constant position.
+        relaxation_time_s: time constant of the relaxation, s.
+        force_limit_n: force beyond which the machine stops with a fault, N.
+        cell_noise_n: standard deviation of one reading of the load cell, N.
+        extension_noise_mm: standard deviation of one reading of the crosshead, mm.
+        extension_min_mm: extension of the lower limit switch, mm.
+        extension_max_mm: extension of the upper limit switch, mm.
+        slip_n: force at which the grips slip the first time, N.
+        slip_mm: slip of the grips, mm.
+        fracture_n: force beyond which the specimen breaks, N.
+        cell_resolution_n: step of the readings of the load cell, N; 0 for none.
+        hold: quantity that is held after a ramp: the ``position``, so that the load relaxes, or the ``load``, so that the crosshead creeps.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -56,12 +56,12 @@ class LoadFrameParameters:
             raise ValueError(f"cell_resolution_n must be at least 0, not {self.cell_resolution_n}")
 
     def resolved_n(self, force_n: float) -> float:
-        """A force as the load cell can say it."""
+        """A force rounded to the resolution of the load cell, N."""
         return self.cell_resolution_n * round(force_n / self.cell_resolution_n) if self.cell_resolution_n else force_n
 
 
 class Drive(StrEnum):
-    """What the drive is doing."""
+    """State of the drive; some states are faults."""
 
     HOLDING = "holding"
     RAMPING = "ramping"
@@ -80,19 +80,19 @@ class LoadFrameState:
     """The machine at an instant.
 
     Attributes:
-        drive: what it does; some of its words are faults.
-        target_n: where the last ramp went.
-        rate_n_s: how fast.
-        jog_mm_s: crosshead speed in displacement control, positive pulls.
-        jog_to_mm: extension at which that ends.
-        keeps_load: whether load control goes on while it holds.
-        stiffness_n_mm: of machine and specimen in series.
-        extension_mm: of the crosshead.
-        relaxed_n: load lost by relaxation so far.
-        slipped_mm: how far the grips have slipped.
-        broken: whether the specimen is in two pieces.
-        peak_n: highest force so far.
-        plastic_mm: how much longer the specimen is for good.
+        drive: state of the drive.
+        target_n: target of the last ramp, N.
+        rate_n_s: rate of the last ramp, N/s.
+        jog_mm_s: crosshead speed in displacement control, mm/s, tension positive.
+        jog_to_mm: extension at which that motion ends, mm.
+        keeps_load: whether load control is active during a hold.
+        stiffness_n_mm: stiffness of machine and specimen in series, N/mm.
+        extension_mm: extension of the crosshead, mm.
+        relaxed_n: load lost by relaxation so far, N.
+        slipped_mm: slip of the grips so far, mm.
+        broken: whether the specimen is broken.
+        peak_n: highest force so far, N.
+        plastic_mm: permanent elongation of the specimen, mm.
     """
 
     stiffness_n_mm: float
@@ -111,12 +111,12 @@ class LoadFrameState:
 
     @property
     def force_n(self) -> float:
-        """True force on the specimen."""
+        """True force on the specimen, N."""
         return 0.0 if self.broken else self.elastic_n - self.relaxed_n
 
     @property
     def elastic_n(self) -> float:
-        """The force if nothing relaxed."""
+        """The force without relaxation, N."""
         return self.stiffness_n_mm * (self.extension_mm - self.slipped_mm - self.plastic_mm)
 
     @property
@@ -126,7 +126,7 @@ class LoadFrameState:
 
     @property
     def faulty(self) -> bool:
-        """Whether it stopped with a fault."""
+        """Whether the drive stopped with a fault."""
         return self.drive in FAULTS
 
 
@@ -136,64 +136,63 @@ def at_rest(parameters: LoadFrameParameters, specimen_stiffness_n_mm: float) -> 
 
 
 def ramp_to(state: LoadFrameState, target_n: float, rate_n_s: float) -> LoadFrameState:
-    """Start going to a load in load control; also acknowledges a watchdog fault."""
+    """Start a ramp in load control; also acknowledges a watchdog fault."""
     return replace(state, drive=Drive.RAMPING, target_n=target_n, rate_n_s=rate_n_s, keeps_load=False)
 
 
 def jog(state: LoadFrameState, speed_mm_s: float) -> LoadFrameState:
-    """Start moving in displacement control, positive pulls; also acknowledges a watchdog fault."""
+    """Start a motion in displacement control, tension positive; also acknowledges a watchdog fault."""
     return replace(state, drive=Drive.JOGGING, jog_mm_s=speed_mm_s, jog_to_mm=math.copysign(math.inf, speed_mm_s), keeps_load=False)
 
 
 def travel_to(state: LoadFrameState, extension_mm: float, speed_mm_s: float) -> LoadFrameState:
-    """Start going to an extension in displacement control, then hold it; also acknowledges a watchdog fault."""
+    """Start a motion to an extension in displacement control, then hold it; also acknowledges a watchdog fault."""
     return replace(jog(state, math.copysign(speed_mm_s, extension_mm - state.extension_mm)), jog_to_mm=extension_mm)
 
 
 def stop(state: LoadFrameState) -> LoadFrameState:
-    """Stop and hold position; acknowledges a fault. The target becomes the present load."""
+    """Stop and hold position; also acknowledges a fault. The target becomes the present load."""
     return replace(state, drive=Drive.HOLDING, target_n=state.force_n, keeps_load=False)
 
 
 def trip_watchdog(state: LoadFrameState) -> LoadFrameState:
-    """The watchdog expired: stop, hold position, say so."""
+    """The state after the watchdog expired: stopped with a fault, unless there is one already."""
     return state if state.faulty else with_fault(state, Drive.WATCHDOG)
 
 
 def with_fault(state: LoadFrameState, fault: Drive) -> LoadFrameState:
-    """Stopped by a fault, holding position."""
+    """The state after a fault: the drive holds its position."""
     return replace(state, drive=fault, target_n=state.force_n, keeps_load=False)
 
 
 def slip(state: LoadFrameState, slip_mm: float) -> LoadFrameState:
-    """The grips let the specimen go a little and hold again."""
+    """The state after the grips slipped, mm."""
     return replace(state, slipped_mm=state.slipped_mm + slip_mm)
 
 
 def fracture(state: LoadFrameState) -> LoadFrameState:
-    """The specimen breaks; the machine does not know."""
+    """The state after the specimen broke, which the machine does not detect."""
     return replace(state, broken=True)
 
 
 def elastic(peak_n: float) -> float:
-    """A specimen that never gets longer for good."""
+    """The permanent elongation of an elastic specimen: 0."""
     return 0.0 * peak_n
 
 
 def step(
     state: LoadFrameState, parameters: LoadFrameParameters, dt_s: float, elongation_mm: Callable[[float], float] = elastic
 ) -> LoadFrameState:
-    """The machine `dt_s` of experiment time later.
+    """The machine after a time step.
 
     Args:
-        state: as it is.
-        parameters: of the machine.
-        dt_s: how much later.
-        elongation_mm: how much longer the specimen is for good after a highest force, N; must not fall.
+        state: state before the step.
+        parameters: parameters of the machine.
+        dt_s: duration of the step, experiment time, s.
+        elongation_mm: permanent elongation of the specimen, mm, after a highest force, N; must not decrease.
 
-    A ramp runs at its rate and closes the last part exponentially; grips and machine creep all the while, which load control
-    makes good, by a crosshead that creeps on, and a held position shows as falling load. With a broken specimen load control runs
-    away to the limit switch.
+    A ramp runs at its rate and approaches the target exponentially. Grips and machine creep: at constant position the load decreases, and
+    load control moves the crosshead instead. With a broken specimen, load control moves the crosshead to the limit switch.
     """
     lost = parameters.relaxation_fraction * state.elastic_n
     relaxed = lost + (state.relaxed_n - lost) * math.exp(-dt_s / parameters.relaxation_time_s)
@@ -201,31 +200,31 @@ def step(
     if state.drive is Drive.RAMPING or state.keeps_load:
         moved = _load_controlled(moved, parameters, dt_s, elongation_mm)
     elif state.drive is Drive.JOGGING:
-        way_mm = state.jog_mm_s * dt_s
-        there = abs(state.jog_to_mm - state.extension_mm) <= abs(way_mm)
-        moved = replace(moved, extension_mm=state.jog_to_mm if there else state.extension_mm + way_mm)
-        moved = stop(moved) if there else moved
-    flowed = _flowing(_stopped_by_switch(moved, state, parameters), elongation_mm)
-    return _overloaded(_yielding(flowed, parameters), parameters)
+        travel_mm = state.jog_mm_s * dt_s
+        reached = abs(state.jog_to_mm - state.extension_mm) <= abs(travel_mm)
+        moved = replace(moved, extension_mm=state.jog_to_mm if reached else state.extension_mm + travel_mm)
+        moved = stop(moved) if reached else moved
+    deformed = _with_plastic_flow(_stopped_by_switch(moved, state, parameters), elongation_mm)
+    return _with_overload(_with_slip_or_fracture(deformed, parameters), parameters)
 
 
 def _load_controlled(
     moved: LoadFrameState, parameters: LoadFrameParameters, dt_s: float, elongation_mm: Callable[[float], float]
 ) -> LoadFrameState:
-    missing, most = moved.target_n - moved.force_n, moved.rate_n_s * dt_s
-    change = max(-most, min(most, -missing * math.expm1(-dt_s / parameters.approach_time_s)))
-    moved = replace(moved, extension_mm=moved.extension_mm + change / moved.stiffness_n_mm)
-    if moved.force_n > moved.peak_n:  # the controller goes on until the force is there, whatever the specimen gives way
+    missing_n, max_change_n = moved.target_n - moved.force_n, moved.rate_n_s * dt_s
+    change_n = max(-max_change_n, min(max_change_n, -missing_n * math.expm1(-dt_s / parameters.approach_time_s)))
+    moved = replace(moved, extension_mm=moved.extension_mm + change_n / moved.stiffness_n_mm)
+    if moved.force_n > moved.peak_n:  # the controller compensates plastic elongation within the step
         plastic_mm = elongation_mm(moved.force_n)
-        more_mm = plastic_mm - moved.plastic_mm
-        moved = replace(moved, peak_n=moved.force_n, plastic_mm=plastic_mm, extension_mm=moved.extension_mm + more_mm)
+        growth_mm = plastic_mm - moved.plastic_mm
+        moved = replace(moved, peak_n=moved.force_n, plastic_mm=plastic_mm, extension_mm=moved.extension_mm + growth_mm)
     if moved.drive is Drive.RAMPING and abs(moved.target_n - moved.force_n) <= parameters.arrived_n:
         moved = replace(moved, drive=Drive.HOLDING, keeps_load=parameters.hold == "load")
     return moved
 
 
-def _flowing(moved: LoadFrameState, elongation_mm: Callable[[float], float]) -> LoadFrameState:
-    """At a given extension: the force at which load and plastic elongation agree, by bisection to 1e-9 of the highest force."""
+def _with_plastic_flow(moved: LoadFrameState, elongation_mm: Callable[[float], float]) -> LoadFrameState:
+    """The state at a fixed extension with consistent load and plastic elongation, by bisection to 1e-9 of the highest force."""
     low, high = moved.peak_n, moved.force_n
     if high <= low or moved.broken:
         return moved
@@ -244,13 +243,13 @@ def _stopped_by_switch(moved: LoadFrameState, before: LoadFrameState, parameters
     return moved
 
 
-def _yielding(moved: LoadFrameState, parameters: LoadFrameParameters) -> LoadFrameState:
+def _with_slip_or_fracture(moved: LoadFrameState, parameters: LoadFrameParameters) -> LoadFrameState:
     if moved.force_n > parameters.slip_n and moved.slipped_mm == 0.0:
         moved = slip(moved, parameters.slip_mm)
     return fracture(moved) if moved.force_n > parameters.fracture_n else moved
 
 
-def _overloaded(moved: LoadFrameState, parameters: LoadFrameParameters) -> LoadFrameState:
+def _with_overload(moved: LoadFrameState, parameters: LoadFrameParameters) -> LoadFrameState:
     beyond = abs(moved.force_n) > parameters.force_limit_n
     if beyond and moved.drive not in (Drive.OVERLOAD, Drive.EMERGENCY) and not _unloading(moved):
         return replace(moved, drive=Drive.OVERLOAD, keeps_load=False)

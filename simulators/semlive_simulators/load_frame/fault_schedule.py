@@ -1,4 +1,4 @@
-"""Faults that a scenario plans for an instant, or somebody orders: what a machine, or the line to it, does when nobody asked for it."""
+"""Faults of the load frame and of the lines to it, planned by a scenario or ordered during a run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from semlive_simulators.load_frame.line_faults import Line, LineFault, PlannedLi
 
 
 class MachineFault(StrEnum):
-    """What happens."""
+    """Kind of a fault of the load train."""
 
     EMERGENCY_STOP = "emergency_stop"
     LIMIT_SWITCH = "limit_switch"
@@ -28,15 +28,15 @@ class MachineFault(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PlannedFault:
-    """A mishap at an instant, or trouble on a line for a while.
+    """A fault of the load train at an instant, or of a line for some time.
 
     Attributes:
-        at_s: when, seconds since the run began.
-        what: happens.
-        lasts_s: how long the emergency stop stays pressed, readings stand still, the gage is off, or every reply is spoilt.
-        slip_mm: how far the grips slip.
-        line: in trouble; all of them if not given.
-        wait_s: how late a reply is, or how long between its pieces, wall time.
+        at_s: start, seconds since the run began.
+        what: kind of the fault.
+        lasts_s: duration of a pressed emergency stop, of frozen readings, of a disconnected gage, or of corrupted replies, s.
+        slip_mm: slip of the grips, mm.
+        line: faulty line; None for all lines.
+        wait_s: delay of a reply, or time between its pieces, wall time, s.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -49,16 +49,16 @@ class PlannedFault:
     wait_s: float = 0.05
 
     def occurs_between(self, before_s: float, now_s: float) -> bool:
-        """Whether it comes between two instants."""
+        """Whether the fault starts between two instants, seconds since the run began."""
         return before_s < self.at_s <= now_s
 
     def lasts(self, now_s: float) -> bool:
-        """Whether it is there at an instant."""
+        """Whether the fault is active at an instant, seconds since the run began."""
         return self.at_s <= now_s < self.at_s + self.lasts_s
 
 
 class FaultSchedule:
-    """What the scenario plans and what was ordered meanwhile; safe from any thread."""
+    """Faults of the scenario and faults ordered during the run; thread-safe."""
 
     def __init__(self, planned: Iterable[PlannedFault]) -> None:
         self._planned = tuple(planned)
@@ -67,23 +67,23 @@ class FaultSchedule:
         self._ordered: list[PlannedFault] = []
 
     def order(self, what: MachineFault, lasts_s: float = 0.0, slip_mm: float = 0.0) -> None:
-        """Let something happen with the machine's next step."""
+        """Order a fault for the next step of the machine."""
         with self._lock:
             self._waiting.append(PlannedFault(0.0, what, lasts_s, slip_mm))
 
     def clear(self) -> None:
-        """Forget all orders: what was ordered to last is over."""
+        """Remove all ordered faults; active ones end."""
         with self._lock:
             self._waiting.clear()
             self._ordered.clear()
 
-    def known(self) -> tuple[PlannedFault, ...]:
-        """All that is planned and all that has been ordered and begun."""
+    def active_and_planned(self) -> tuple[PlannedFault, ...]:
+        """All planned faults, and all ordered faults that have started."""
         with self._lock:
             return (*self._planned, *self._ordered)
 
-    def begun(self, now_s: float) -> tuple[PlannedFault, ...]:
-        """The same for a step that ends at `now_s`, with which begins what was waiting."""
+    def start_ordered(self, now_s: float) -> tuple[PlannedFault, ...]:
+        """As `active_and_planned`, after waiting faults have been started at `now_s`, the end of a step."""
         with self._lock:
             self._ordered += [replace(fault, at_s=now_s) for fault in self._waiting]
             self._waiting.clear()
@@ -91,9 +91,9 @@ class FaultSchedule:
 
 
 def apply_faults(state: LoadFrameState, faults: Iterable[PlannedFault], before_s: float, now_s: float) -> LoadFrameState:
-    """The machine after what was planned for the time between two instants.
+    """The machine after the faults between two instants, seconds since the run began.
 
-    A pressed emergency stop holds as long as it lasts, whatever is ordered meanwhile.
+    A pressed emergency stop stays active for its duration, also after orders.
     """
     for fault in faults:
         if fault.what is MachineFault.EMERGENCY_STOP and fault.at_s <= now_s and before_s < fault.at_s + fault.lasts_s:
@@ -111,8 +111,8 @@ def apply_faults(state: LoadFrameState, faults: Iterable[PlannedFault], before_s
     return state
 
 
-def troubles(faults: Iterable[PlannedFault]) -> tuple[PlannedLineFault, ...]:
-    """What is planned for the lines."""
+def planned_line_faults(faults: Iterable[PlannedFault]) -> tuple[PlannedLineFault, ...]:
+    """The faults of the lines in a list of faults."""
     return tuple(
         PlannedLineFault(fault.at_s, fault.lasts_s, fault.line, ReplyFault(fault.what, fault.wait_s))
         for fault in faults

@@ -1,4 +1,4 @@
-"""Trouble on a line: replies that come late, broken, twice or not at all, and a device that hears nothing for a while."""
+"""Faults of a line: late, corrupted, repeated or missing replies, and a device that receives nothing for some time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _N_PER_LBF = 4.4482216152605
 
 
 class Line(StrEnum):
-    """How a master reaches the bench."""
+    """Kind of a line to the bench."""
 
     TCP = "tcp"
     RTU = "rtu"
@@ -24,7 +24,7 @@ class Line(StrEnum):
 
 
 class LineFault(StrEnum):
-    """What happens to a reply; `SILENT` to the request already, which then has no effect."""
+    """Fault of a reply; with `SILENT` the request is lost as well and has no effect."""
 
     LATE = "late"
     LOST = "lost"
@@ -42,8 +42,8 @@ class LineChunk:
     """Bytes on a line.
 
     Attributes:
-        wait_s: wall time before them.
-        data: what is sent.
+        wait_s: wall time before the bytes, s.
+        data: the bytes.
     """
 
     wait_s: float
@@ -52,45 +52,45 @@ class LineChunk:
 
 @dataclass(frozen=True, slots=True)
 class ReplyFault:
-    """What is to happen to one reply.
+    """The fault of one reply.
 
     Attributes:
-        trouble: what.
-        wait_s: how late, or how long between two pieces, wall time.
+        kind: kind of the fault.
+        wait_s: delay, or time between two pieces, wall time, s.
     """
 
-    trouble: LineFault
+    kind: LineFault
     wait_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedLineFault:
-    """Trouble for a while.
+    """A fault of every reply for some time.
 
     Attributes:
-        at_s: when it begins, seconds since the run began.
-        lasts_s: how long.
-        line: in trouble; None is all.
-        spoiling: what happens to every reply.
+        at_s: start, seconds since the run began.
+        lasts_s: duration, s.
+        line: faulty line; None for all lines.
+        fault: fault of every reply.
     """
 
     at_s: float
     lasts_s: float
     line: Line | None
-    spoiling: ReplyFault
+    fault: ReplyFault
 
 
-def corrupt_reply(line: Line, request: bytes, reply: bytes, spoiling: ReplyFault | None) -> tuple[LineChunk, ...]:
-    """What is sent in place of a reply.
+def corrupt_reply(line: Line, request: bytes, reply: bytes, fault: ReplyFault | None) -> tuple[LineChunk, ...]:
+    """The bytes that are sent instead of a reply.
 
-    `WRONG_CHECK` damages what a master can check: the CRC of RTU, the transaction number of TCP; letters have no check, there it
-    sets the top bit of the first one. `WRONG_UNIT` answers in the name of the next unit, with a right check; letters have no
-    unit number, there the same force is told in lbF. `NOISE` is three bytes before the reply, `ECHO` the request, as on a two-wire line.
+    `WRONG_CHECK` corrupts the CRC of RTU or the transaction number of TCP; text has no checksum, so the top bit of its first letter is
+    set. `WRONG_UNIT` answers with the number of the next unit and a correct CRC; text has no unit number, so the same force is sent in lbF.
+    `NOISE` adds three bytes before the reply; `ECHO` adds the request, as on a two-wire line.
     """
-    if spoiling is None:
+    if fault is None:
         return (LineChunk(0.0, reply),) if reply else ()
-    wait_s = spoiling.wait_s
-    made: dict[LineFault, tuple[LineChunk, ...]] = {
+    wait_s = fault.wait_s
+    chunks: dict[LineFault, tuple[LineChunk, ...]] = {
         LineFault.LATE: (LineChunk(wait_s, reply),),
         LineFault.LOST: (),
         LineFault.NOISE: (LineChunk(0.0, b"\xc3\x5a\xf1" + reply),),
@@ -101,7 +101,7 @@ def corrupt_reply(line: Line, request: bytes, reply: bytes, spoiling: ReplyFault
         LineFault.SILENT: (),
         LineFault.WRONG_UNIT: (LineChunk(0.0, _of_another_unit(line, reply)),),
     }
-    return made[spoiling.trouble]
+    return chunks[fault.kind]
 
 
 def _damaged(line: Line, reply: bytes) -> bytes:
@@ -112,7 +112,7 @@ def _damaged(line: Line, reply: bytes) -> bytes:
 
 def _of_another_unit(line: Line, reply: bytes) -> bytes:
     if line is Line.SERIAL:
-        return _NEWTONS.sub(lambda found: b"%.3f lbF" % (float(found[1]) / _N_PER_LBF), reply)
+        return _NEWTONS.sub(lambda force: b"%.3f lbF" % (float(force[1]) / _N_PER_LBF), reply)
     if line is Line.TCP:
         return reply[:6] + bytes([(reply[6] + 1) & 0xFF]) + reply[7:]
     frame = bytes([(reply[0] + 1) & 0xFF]) + reply[1:-2]
@@ -122,15 +122,15 @@ def _of_another_unit(line: Line, reply: bytes) -> bytes:
 @dataclass(slots=True)
 class _Order:
     number: int
-    spoiling: ReplyFault
-    left: dict[Line, int]
+    fault: ReplyFault
+    remaining: dict[Line, int]
 
 
 class LineFaultInjector:
-    """What the scenario plans and what was ordered meanwhile; used by all lines, safe from any thread.
+    """Line faults of the scenario and faults ordered during the run; shared by all lines, thread-safe.
 
-    Planned trouble spoils every reply while it lasts, in experiment time. Ordered trouble spoils the next replies of a line, a
-    number of them; an order to be silent holds for a wall time instead.
+    A planned fault affects every reply for a duration of experiment time. An ordered fault affects a number of next replies of a line;
+    ordered silence lasts for a wall time instead.
     """
 
     def __init__(self, planned: Iterable[PlannedLineFault], now_s: Callable[[], float]) -> None:
@@ -140,52 +140,52 @@ class LineFaultInjector:
         self._orders: list[_Order] = []
         self._ordered = 0
         self._silent_until: dict[Line, float] = {}
-        self._spared: set[int] = set()
+        self._exempt_ports: set[int] = set()
 
     def exempt(self, port: int) -> None:
-        """Leave a TCP client alone, by its port: the gateway of the RTU line, which has trouble of its own."""
-        self._spared.add(port)
+        """Exclude a TCP client from faults, by its port: the gateway of the RTU line, which has its own faults."""
+        self._exempt_ports.add(port)
 
-    def spares(self, port: int) -> bool:
-        """Whether a TCP client is left alone."""
-        return port in self._spared
+    def is_exempt(self, port: int) -> bool:
+        """Whether a TCP client is excluded from faults."""
+        return port in self._exempt_ports
 
-    def order(self, trouble: LineFault, lines: Iterable[Line], count: int, wait_s: float) -> None:
-        """Spoil the next `count` replies on some lines, the reply to a request under way excepted; or be silent on them for `wait_s`."""
+    def order(self, kind: LineFault, lines: Iterable[Line], count: int, wait_s: float) -> None:
+        """Order a fault of the next `count` replies on lines, after that to a request under way; or silence for `wait_s`."""
         with self._lock:
             self._ordered += 1
-            if trouble is LineFault.SILENT:
+            if kind is LineFault.SILENT:
                 self._silent_until.update(dict.fromkeys(lines, time.monotonic() + wait_s))
             else:
-                self._orders.append(_Order(self._ordered, ReplyFault(trouble, wait_s), dict.fromkeys(lines, count)))
+                self._orders.append(_Order(self._ordered, ReplyFault(kind, wait_s), dict.fromkeys(lines, count)))
 
     def clear(self) -> None:
-        """Forget all orders."""
+        """Remove all ordered faults."""
         with self._lock:
             self._orders.clear()
             self._silent_until.clear()
 
     def is_silent(self, line: Line) -> bool:
-        """Whether what comes in now is not heard."""
+        """Whether a request that arrives now is lost."""
         with self._lock:
             if time.monotonic() < self._silent_until.get(line, 0.0):
                 return True
         planned = self._now(line)
-        return planned is not None and planned.trouble is LineFault.SILENT
+        return planned is not None and planned.kind is LineFault.SILENT
 
     def mark(self) -> int:
-        """To be taken before a request is obeyed: orders that come with it do not spoil its own reply."""
+        """The number of orders so far; taken before a request, so that an order in the request does not affect its own reply."""
         with self._lock:
             return self._ordered
 
     def take(self, line: Line, mark: int) -> ReplyFault | None:
-        """What is to happen to a reply that is about to be sent."""
+        """The fault of a reply that is sent next; None without a fault."""
         with self._lock:
             for order in self._orders:
-                if order.number <= mark and order.left.get(line, 0) > 0:
-                    order.left[line] -= 1
-                    self._orders = [other for other in self._orders if any(other.left.values())]
-                    return order.spoiling
+                if order.number <= mark and order.remaining.get(line, 0) > 0:
+                    order.remaining[line] -= 1
+                    self._orders = [pending for pending in self._orders if any(pending.remaining.values())]
+                    return order.fault
         return self._now(line)
 
     def _now(self, line: Line) -> ReplyFault | None:
@@ -194,18 +194,18 @@ class LineFaultInjector:
         now_s = self._now_s()
         for planned in self._planned:
             if planned.line in (None, line) and planned.at_s <= now_s < planned.at_s + planned.lasts_s:
-                return planned.spoiling
+                return planned.fault
         return None
 
 
-def corrupt(troubles: LineFaultInjector, line: Line, answer: Callable[[bytes], bytes]) -> Callable[[bytes], tuple[LineChunk, ...]]:
-    """Answers as a line in trouble sends them; bursts without a reply use up no order."""
+def corrupt(line_faults: LineFaultInjector, line: Line, answer: Callable[[bytes], bytes]) -> Callable[[bytes], tuple[LineChunk, ...]]:
+    """A function that answers with the faults of a line; bursts without a reply use no ordered fault."""
 
     def sent(burst: bytes) -> tuple[LineChunk, ...]:
-        if troubles.is_silent(line):
+        if line_faults.is_silent(line):
             return ()
-        mark = troubles.mark()
+        mark = line_faults.mark()
         reply = answer(burst)
-        return corrupt_reply(line, burst, reply, troubles.take(line, mark)) if reply else ()
+        return corrupt_reply(line, burst, reply, line_faults.take(line, mark)) if reply else ()
 
     return sent

@@ -1,4 +1,4 @@
-"""The bench's register map as bytes: docs/reference/bench-registers.md, in both directions and without IO."""
+"""Encoding and decoding of the registers of the bench (docs/reference/bench-registers.md), without IO."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 IDENTITY = 0x5E31
 MAP_VERSION = 1
-_SIMULATOR, _OWN_WATCHDOG = 1, 2
+_SIMULATOR, _HAS_WATCHDOG = 1, 2
 STOPPED, MOVING, FAULT = 0, 1, 2
 
 
@@ -39,15 +39,15 @@ class LoadFrameInputs:
     force_limit_n: float
 
     def registers(self) -> list[int]:
-        """All sixteen, from address 0."""
-        head = [IDENTITY, MAP_VERSION, _SIMULATOR | _OWN_WATCHDOG, self.state]
+        """The sixteen registers from address 0."""
+        head = [IDENTITY, MAP_VERSION, _SIMULATOR | _HAS_WATCHDOG, self.state]
         body = f32(self.force_n) + f32(self.extension_mm) + f32(self.target_n) + u32(self.readings)
         return head + body + f32(self.lag_s) + f32(self.force_limit_n)
 
 
 @dataclass(frozen=True, slots=True)
 class StageInputs:
-    """Input registers 100-106, and 400-406 for the beam's shift."""
+    """Input registers 100-106, and 400-406 for the beam shift."""
 
     state: int
     x_um: float
@@ -55,7 +55,7 @@ class StageInputs:
     readings: int
 
     def registers(self) -> list[int]:
-        """All seven, from the first."""
+        """The seven registers from the first."""
         return [self.state, *f32(self.x_um), *f32(self.y_um), *u32(self.readings)]
 
 
@@ -68,7 +68,7 @@ class DiagnosticInputs:
     readings: int
 
     def registers(self) -> list[int]:
-        """All five, from address 300."""
+        """The five registers from address 300."""
         return [self.fault, *f32(self.strain_gage), *u32(self.readings)]
 
 
@@ -80,7 +80,7 @@ class SemInputs:
     exported: int
 
     def registers(self) -> list[int]:
-        """Both, from address 200."""
+        """The two registers from address 200."""
         return [int(self.scanning), self.exported & 0xFFFF]
 
 
@@ -97,14 +97,14 @@ class LoadFrameOrders:
 
     @classmethod
     def decoded(cls, registers: list[int]) -> LoadFrameOrders:
-        """From the eight registers at address 0."""
+        """The orders in the eight registers at address 0."""
         command, nonce, heartbeat, tenths = registers[4:8]
         return cls(read_f32(registers[0:2]), read_f32(registers[2:4]), command, nonce, heartbeat, tenths * 0.1)
 
 
 @dataclass(frozen=True, slots=True)
 class StageOrders:
-    """Holding registers 100-105, and 400-405 for the beam's shift."""
+    """Holding registers 100-105, and 400-405 for the beam shift."""
 
     x_um: float
     y_um: float
@@ -112,7 +112,7 @@ class StageOrders:
 
     @classmethod
     def decoded(cls, registers: list[int]) -> StageOrders:
-        """From six registers."""
+        """The orders in six registers."""
         return cls(read_f32(registers[0:2]), read_f32(registers[2:4]), registers[4])
 
 
@@ -126,12 +126,12 @@ class CrossheadOrders:
 
     @classmethod
     def decoded(cls, registers: list[int]) -> CrossheadOrders:
-        """From six registers."""
+        """The orders in six registers."""
         return cls(read_f32(registers[0:2]), read_f32(registers[2:4]), registers[4])
 
 
 @dataclass(frozen=True, slots=True)
-class TroubleOrders:
+class FaultOrders:
     """Holding registers 900-903."""
 
     what: int
@@ -140,7 +140,7 @@ class TroubleOrders:
     wait_s: float
 
     @classmethod
-    def decoded(cls, registers: list[int]) -> TroubleOrders:
-        """From four registers."""
+    def decoded(cls, registers: list[int]) -> FaultOrders:
+        """The orders in four registers."""
         what, lines, count, hundredths = registers
         return cls(what, lines, count, hundredths * 0.01)

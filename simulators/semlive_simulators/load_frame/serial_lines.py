@@ -1,4 +1,4 @@
-"""The bench's serial lines: Modbus RTU and single letters, each over a pseudo-terminal, where the system has these."""
+"""Serial lines of the bench: Modbus RTU and a text protocol, each over a pseudo-terminal, if the system has these."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ if sys.platform != "win32":
 
 
 @contextlib.contextmanager
-def rtu_line(port: int, unit: int, troubles: LineFaultInjector) -> Iterator[str]:
-    """Modbus RTU with the registers of the TCP server at a port; gives the path to open (19,200 baud, no parity).
+def rtu_line(port: int, unit: int, line_faults: LineFaultInjector) -> Iterator[str]:
+    """A Modbus RTU line with the registers of the TCP server at a port; yields its path (19,200 baud, no parity).
 
     Raises:
-        RuntimeError: the system has no pseudo-terminals.
+        RuntimeError: if the system has no pseudo-terminals.
     """
     gateway = RtuGateway(port, unit)
-    troubles.exempt(gateway.port)
+    line_faults.exempt(gateway.port)
     try:
-        with _line("rtu", corrupt(troubles, Line.RTU, gateway.answer), RTU_BAUD) as path:
+        with _line("rtu", corrupt(line_faults, Line.RTU, gateway.answer), RTU_BAUD) as path:
             yield path
     finally:
         gateway.close()
 
 
 @contextlib.contextmanager
-def ascii_line(machine: LoadTrain, now_ns: Callable[[], int], troubles: LineFaultInjector) -> Iterator[tuple[str, AsciiTestStand]]:
-    """A test stand that obeys single letters; gives the path to open (115,200 baud, no parity) and the stand.
+def ascii_line(machine: LoadTrain, now_ns: Callable[[], int], line_faults: LineFaultInjector) -> Iterator[tuple[str, AsciiTestStand]]:
+    """A test stand with commands of single letters; yields the path of its line (115,200 baud, no parity) and the stand.
 
     Raises:
-        RuntimeError: the system has no pseudo-terminals.
+        RuntimeError: if the system has no pseudo-terminals.
     """
     stand = AsciiTestStand(machine, now_ns)
-    with _line("serial", corrupt(troubles, Line.SERIAL, stand.answer), BAUD) as path:
+    with _line("serial", corrupt(line_faults, Line.SERIAL, stand.answer), BAUD) as path:
         yield path, stand
 
 

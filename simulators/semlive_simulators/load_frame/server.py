@@ -1,4 +1,4 @@
-"""The Modbus TCP server of the bench: live values on every read, orders acted on when they are written."""
+"""The Modbus TCP server of the bench: present values with every read, orders executed when they are written."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.dynamics import FAULTS
-from semlive_simulators.load_frame.fault_schedule import MachineFault, troubles
+from semlive_simulators.load_frame.fault_schedule import MachineFault, planned_line_faults
 from semlive_simulators.load_frame.faulty_tcp import FaultyTcpServer
 from semlive_simulators.load_frame.line_faults import Line, LineFault, LineFaultInjector
 from semlive_simulators.load_frame.registers import (
@@ -22,12 +22,12 @@ from semlive_simulators.load_frame.registers import (
     STOPPED,
     CrossheadOrders,
     DiagnosticInputs,
+    FaultOrders,
     LoadFrameInputs,
     LoadFrameOrders,
     SemInputs,
     StageInputs,
     StageOrders,
-    TroubleOrders,
 )
 from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import Scenario
@@ -38,11 +38,11 @@ UNIT = 1
 _READ_HOLDING, _READ_INPUT = 3, 4
 _WRITES = (6, 16)
 _GO, _STOP = 1, 2
-_FIRST_MISHAP = 101
+_FIRST_MACHINE_FAULT = 101
 
 
 class Watchdog:
-    """The device's own watchdog, in wall time: fed by a change of the heartbeat register."""
+    """The watchdog of the device, in wall time: a change of the heartbeat register feeds it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -50,25 +50,25 @@ class Watchdog:
         self._fed_ns = time.monotonic_ns()
 
     def set(self, timeout_s: float) -> None:
-        """Set the time until it expires, 0 is off; feeds it."""
+        """Set the time until the watchdog expires, s, and feed it; 0 disables it."""
         with self._lock:
             self._timeout_s = timeout_s
             self._fed_ns = time.monotonic_ns()
 
     def feed(self) -> None:
-        """The heartbeat changed."""
+        """Feed the watchdog."""
         with self._lock:
             self._fed_ns = time.monotonic_ns()
 
     @property
     def expired(self) -> bool:
-        """Whether nothing fed it for too long."""
+        """Whether the watchdog was not fed in time."""
         with self._lock:
             return self._timeout_s > 0 and time.monotonic_ns() - self._fed_ns > self._timeout_s * 1e9
 
 
 class BenchRegisters:
-    """Answers reads and acts on writes; the register map is docs/reference/bench-registers.md."""
+    """Answers reads and executes writes; the register map is docs/reference/bench-registers.md."""
 
     def __init__(self, scenario: Scenario, clock: BenchClock, machine: LoadTrain, sem: Sem) -> None:
         self._scenario = scenario
@@ -76,12 +76,12 @@ class BenchRegisters:
         self._machine = machine
         self._sem = sem
         self.watchdog = Watchdog()
-        self.troubles = LineFaultInjector(troubles(scenario.faults), lambda: (clock.now_ns() - clock.start_ns) * 1e-9)
+        self.line_faults = LineFaultInjector(planned_line_faults(scenario.faults), lambda: (clock.now_ns() - clock.start_ns) * 1e-9)
 
     async def action(
         self, function: int, start: int, address: int, count: int, registers: list[int], values: list[int] | list[bool] | None
     ) -> ExcCodes | None:
-        """What pymodbus calls before it answers a request; `registers` is the whole block from `start`."""
+        """Called by pymodbus before it answers a request; `registers` is the complete block from `start`."""
         if function == _READ_INPUT:
             registers[:] = self._inputs(registers, start)
             return None
@@ -102,7 +102,7 @@ class BenchRegisters:
             return self._order_crosshead(written, touched)
         if touched.start < 900:
             return self._order_stage(written, touched, 400, Actuator.BEAM_SHIFT)
-        return self._order_trouble(TroubleOrders.decoded(written[900:904]))
+        return self._order_fault(FaultOrders.decoded(written[900:904]))
 
     def _inputs(self, registers: list[int], start: int) -> list[int]:
         reading = self._machine.read(self._clock.now_ns())
@@ -120,11 +120,11 @@ class BenchRegisters:
         )
         beam = StageInputs(_stage_state(reading.beam_moving), reading.beam_x_um, reading.beam_y_um, reading.number)
         drive = reading.load_frame_drive
-        more = DiagnosticInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.load_frame_number)
+        diagnostics = DiagnosticInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.load_frame_number)
         block = list(registers)
-        for address, part in ((0, load_frame), (100, stage), (200, self._sem_inputs()), (300, more), (400, beam)):
-            words = part.registers()
-            block[address - start : address - start + len(words)] = words
+        for address, part in ((0, load_frame), (100, stage), (200, self._sem_inputs()), (300, diagnostics), (400, beam)):
+            values = part.registers()
+            block[address - start : address - start + len(values)] = values
         return block
 
     def _sem_inputs(self) -> SemInputs:
@@ -137,8 +137,8 @@ class BenchRegisters:
             return ExcCodes.ILLEGAL_VALUE
         if command == _GO:
             limit = self._scenario.load_frame.force_limit_n
-            sound = math.isfinite(orders.target_n) and abs(orders.target_n) <= limit and 0 < orders.rate_n_s < math.inf
-            if not sound:
+            valid = math.isfinite(orders.target_n) and abs(orders.target_n) <= limit and 0 < orders.rate_n_s < math.inf
+            if not valid:
                 return ExcCodes.ILLEGAL_VALUE
             if self._machine.locked:
                 return ExcCodes.DEVICE_FAILURE
@@ -187,26 +187,26 @@ class BenchRegisters:
             self._machine.stop_stage(actuator)
         return None
 
-    def _order_sem(self, word: int) -> ExcCodes | None:
-        if word not in (0, 1):
+    def _order_sem(self, command: int) -> ExcCodes | None:
+        if command not in (0, 1):
             return ExcCodes.ILLEGAL_VALUE
-        if word == 1 and not self._sem.request_scan():
+        if command == 1 and not self._sem.request_scan():
             return ExcCodes.DEVICE_BUSY
         return None
 
-    def _order_trouble(self, orders: TroubleOrders) -> ExcCodes | None:
+    def _order_fault(self, orders: FaultOrders) -> ExcCodes | None:
         kinds, lines = tuple(LineFault), [line for bit, line in enumerate(Line) if orders.lines >> bit & 1]
-        mishaps = dict(enumerate(MachineFault, _FIRST_MISHAP))
-        if orders.what in mishaps:
-            self._machine.faults.order(mishaps[orders.what], orders.wait_s, orders.count * 1e-3)
+        machine_faults = dict(enumerate(MachineFault, _FIRST_MACHINE_FAULT))
+        if orders.what in machine_faults:
+            self._machine.faults.order(machine_faults[orders.what], orders.wait_s, orders.count * 1e-3)
             return None
         if orders.what > len(kinds) or orders.lines >> len(Line):
             return ExcCodes.ILLEGAL_VALUE
         if orders.what == 0:
-            self.troubles.clear()
+            self.line_faults.clear()
             self._machine.faults.clear()
         else:
-            self.troubles.order(kinds[orders.what - 1], lines, orders.count, orders.wait_s)
+            self.line_faults.order(kinds[orders.what - 1], lines, orders.count, orders.wait_s)
         return None
 
 
@@ -215,21 +215,21 @@ def _stage_state(moving: bool, fault: bool = False) -> int:
 
 
 def _device(registers: BenchRegisters) -> SimDevice:
-    def words(address: int, count: int) -> SimData:
+    def block(address: int, count: int) -> SimData:
         return SimData(address, count=count, values=0, datatype=DataType.REGISTERS)
 
     bits = [SimData(0, count=1, values=False, datatype=DataType.BITS)]
-    holding = [words(0, 8), words(100, 6), words(200, 1), words(300, 6), words(400, 6), words(900, 4)]
-    inputs = [words(0, 16), words(100, 7), words(200, 2), words(300, 5), words(400, 7)]
+    holding = [block(0, 8), block(100, 6), block(200, 1), block(300, 6), block(400, 6), block(900, 4)]
+    inputs = [block(0, 16), block(100, 7), block(200, 2), block(300, 5), block(400, 7)]
     return SimDevice(id=UNIT, simdata=(bits, list(bits), holding, inputs), action=registers.action)
 
 
 class ModbusThread:
-    """The server in a thread of its own, which owns an event loop and nothing else."""
+    """The server in a separate thread with its own event loop."""
 
     def __init__(self, registers: BenchRegisters, port: int) -> None:
         self._registers = registers
-        self._wanted_port = port
+        self._requested_port = port
         self._loop = asyncio.new_event_loop()
         self._listening = threading.Event()
         self._failure: Exception | None = None
@@ -240,13 +240,13 @@ class ModbusThread:
         """Start listening on 127.0.0.1; returns the port.
 
         Raises:
-            RuntimeError: the port cannot be had.
+            RuntimeError: if the port is not available.
         """
         self._thread.start()
         self._listening.wait()
         if self._failure is not None:
             raise RuntimeError(
-                f"cannot listen on 127.0.0.1:{self._wanted_port} ({self._failure}); choose another --port"
+                f"cannot listen on 127.0.0.1:{self._requested_port} ({self._failure}); choose another --port"
             ) from self._failure
         return self._port
 
@@ -267,9 +267,9 @@ class ModbusThread:
 
     async def _serve(self) -> None:
         self._server_stop = asyncio.Event()
-        # What goes wrong is told in one sentence by `start`; the library would add its own.
+        # `start` reports a failure in one message; the library would log the same failure.
         logging.getLogger("pymodbus.logging").addHandler(logging.NullHandler())
-        server = FaultyTcpServer(_device(self._registers), ("127.0.0.1", self._wanted_port), self._registers.troubles)
+        server = FaultyTcpServer(_device(self._registers), ("127.0.0.1", self._requested_port), self._registers.line_faults)
         await server.serve_forever(background=True)
         self._port = server.transport.sockets[0].getsockname()[1]  # type: ignore[union-attr]
         self._listening.set()

@@ -1,4 +1,4 @@
-"""A strain gage on the back of the specimen: a second opinion on the strain, with errors of its own."""
+"""A strain gage on the back of the specimen: an independent measurement of the strain, with its own errors."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class StrainGage:
     """A gage along the loading direction.
 
     Attributes:
-        length_mm: of the grid; the strain is the mean over it.
-        gain: said strain per true strain.
-        offset: what it says of the unloaded specimen.
+        length_mm: length of the grid, mm; the reading is the mean strain over it.
+        gain: reading per true strain.
+        offset: reading of the unloaded specimen.
         noise: standard deviation of one reading.
     """
 
@@ -30,7 +30,7 @@ class StrainGage:
     offset: float = 4.0e-6
     noise: float = 1.5e-6
 
-    def reading(self, specimen: Specimen, force_n: float, seed: int, number: int, more: float = 0.0) -> float:
-        """What it says under a force; `more` is what its grid sees besides the elastic strain of the plain sheet."""
-        true = float(specimen.gradient(force_n)[1, 1]) + more
+    def reading(self, specimen: Specimen, force_n: float, seed: int, number: int, further: float = 0.0) -> float:
+        """The reading at a force, N; `further` is the strain of its grid in addition to the elastic strain of the plain sheet."""
+        true = float(specimen.gradient(force_n)[1, 1]) + further
         return self.gain * true + self.offset + self.noise * gaussian(seed, _STREAM, number)

@@ -1,4 +1,4 @@
-"""The column: where the beam is when, and what it sees there."""
+"""The column: position of the beam at each time, and the signal there."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.distortion import Distortion
 from semlive_simulators.effects.drift import Drift
 from semlive_simulators.effects.interfaces import Instants, PixelVisits, Plane
-from semlive_simulators.kernels.exposure import add_coverage, digitise, seen_points
+from semlive_simulators.kernels.exposure import add_coverage, beam_points, digitise
 from semlive_simulators.kernels.raster import raster_rows
 from semlive_simulators.microscope.patterns import Pattern, Speckle
 from semlive_simulators.microscope.scan import Scan, Timing
@@ -21,23 +21,23 @@ from semlive_simulators.specimen.specimen import Motion
 __all__ = ["Column", "Detector", "Scan", "build_column"]
 
 _REFINEMENTS = 4
-"""Gradients of deformations stay below 0.05, each pass gains that factor: 2 px of deformation are right to 1e-5 px."""
+"""Iterations for the undeformed position: with gradients below 0.05, a deformation of 2 px is accurate to 1e-5 px."""
 
 _BAND_ROWS = 32
-"""Rows worked out together, visit after visit: what belongs to them stays in the processor's cache (a quarter of a MB each plane)."""
+"""Number of rows that are rendered together for all visits, so that their planes (0.25 MB each) fit into the processor cache."""
 
 
 @dataclass(frozen=True, slots=True)
 class Detector:
-    """How signal becomes grey.
+    """Conversion of signal to grey levels.
 
     Attributes:
-        offset: grey level of the bare metal.
-        gain: grey levels from bare metal to gold.
-        read_noise: standard deviation of the noise that is always there, grey levels of the exported image.
+        offset: grey level of the metal without gold.
+        gain: grey levels from metal to gold.
+        read_noise: standard deviation of the noise without signal, grey levels of the exported image.
         shot_noise: variance of the noise per grey level of signal.
-        seed: of the noise.
-        bits: 8 or 16; grey levels are those of 8 bit either way, 16 bit has 256 steps in each.
+        seed: seed of the noise.
+        bits: 8 or 16; grey levels are those of 8 bit in both cases, 16 bit has 256 steps in each.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -55,22 +55,22 @@ class Detector:
 
     @property
     def dtype(self) -> np.dtype[np.unsignedinteger]:
-        """Of the images."""
+        """Type of the images."""
         return np.dtype(np.uint8 if self.bits == 8 else np.uint16)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """A microscope looking at a speckle.
+    """A microscope with a speckle pattern.
 
     Attributes:
         scan: the raster.
-        detector: signal to grey.
-        speckle: what is looked at.
-        drift: wanders in time.
+        detector: conversion of signal to grey levels.
+        speckle: the speckle pattern.
+        drift: drift of the beam.
         distortion_px: E at every scan address in x and in y, (height, width) each.
-        effects: whatever else is wrong.
-        timing: when pixels are truly visited.
+        effects: further effects.
+        timing: true times at which pixels are visited.
     """
 
     scan: Scan
@@ -86,22 +86,22 @@ class Column:
 
     @property
     def duration_s(self) -> float:
-        """From the start of a frame until all its rows are done, at least as long as the scan should take."""
+        """True duration of a frame, s, but not less than the nominal duration of the scan."""
         return max(self.scan.duration_s, self.timing.end_s)
 
     @property
     def is_plain_raster(self) -> bool:
-        """Whether rows can be rendered in one go, each once and from left to right, by the fast kernel."""
+        """Whether the fast kernel can render the rows, each visited one time from left to right."""
         dots = isinstance(self.speckle, Speckle)
         return dots and self.timing.plain and self.detector.bits == 8 and self.scan.spot_px == 0.0 and not self.effects.by_pixel
 
     @property
     def visits(self) -> int:
-        """How often each pixel is visited."""
+        """Number of visits of each pixel."""
         return self.timing.row_start_s.shape[0]
 
     def rows_span_s(self, first_row: int, end_row: int) -> tuple[float, float]:
-        """When rows `first_row` ... `end_row - 1` are first begun and last done, seconds since the frame began."""
+        """First start and last end of rows `first_row` ... `end_row - 1`, seconds since the frame began."""
         start_s = self.timing.row_start_s[:, first_row:end_row]
         return float(start_s.min()), float(start_s.max()) + self.timing.row_time_s
 
@@ -110,10 +110,10 @@ class Column:
 
         Args:
             out: (rows, width) of the detector's dtype, written.
-            first_row: its first row's number.
-            start_time_s: when the scan began, seconds since the run began.
-            motion: of the specimen, covering these rows' times.
-            frame: number of the scan; decides its noise.
+            first_row: number of the first row.
+            start_time_s: start of the scan, seconds since the run began.
+            motion: motion of the specimen in the time of these rows.
+            frame: number of the scan, which determines its noise.
         """
         if not (self.is_plain_raster and isinstance(self.speckle, Speckle)):
             self._expose(out, first_row, start_time_s, motion, frame)
@@ -131,16 +131,16 @@ class Column:
     def row_maps(self, time_s: ArrayLike, motion: Motion, start_time_s: float = 0.0, frame: int = 0) -> NDArray[np.float64]:
         """The affine maps [A | b] from undistorted scan address to material point at times (n,): (n, 2, 3).
 
-        p = c + T (1 - g)(R - E(R) - c) - d(t) is where the beam is (T scan rotation, g deflection); the point xi seen there
-        fulfils p = xi + s + G (xi - c), so xi = A (p - c - s) + c with A = (1 + G)^-1.
+        p = c + T (1 - g)(R - E(R) - c) - d(t) is the position of the beam (T scan rotation, g deflection). The point xi at this
+        position fulfils p = xi + s + G (xi - c), so xi = A (p - c - s) + c with A = (1 + G)^-1.
         """
         at = Instants(np.asarray(time_s, dtype=np.float64), start_time_s, frame, self.scan, motion)
         state = self.effects.moved(at)
         inverse = np.linalg.inv(np.eye(2) + state.gradient)
         deflection = self.effects.deflection(at)
-        raster = np.broadcast_to(self.scan.turn, inverse.shape) if deflection is None else self.scan.turn @ (np.eye(2) - deflection)
-        more_drift = self.effects.drift_px(at)
-        drift = self.drift.at(at.time_s) if more_drift is None else self.drift.at(at.time_s) + more_drift
+        raster = np.broadcast_to(self.scan.rotation, inverse.shape) if deflection is None else self.scan.rotation @ (np.eye(2) - deflection)
+        effect_drift = self.effects.drift_px(at)
+        drift = self.drift.at(at.time_s) if effect_drift is None else self.drift.at(at.time_s) + effect_drift
         centre = self.scan.centre_px
         maps = np.empty((at.time_s.size, 2, 3))
         maps[:, :, :2] = inverse @ raster
@@ -150,24 +150,24 @@ class Column:
     def specimen_points(
         self, rows: range, visit: int, start_time_s: float, motion: Motion, frame: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], PixelVisits]:
-        """Material points (x, y) seen on a visit of some rows, (rows, width) each, and the visit itself."""
+        """Material points (x, y) of a visit of rows, (rows, width) each, and the visit."""
         timing, width, band = self.timing, self.scan.width_px, slice(rows.start, rows.stop)
         begin_s = start_time_s + timing.row_start_s[visit, band]
         end_s = begin_s + width * timing.dwell_time_s
         backwards = timing.reversed_rows[band]
         at = self._visits(rows, visit, start_time_s, motion, frame)
-        bend_x_px, bend_y_px = (part[band] for part in self.distortion_px)
+        offset_x_px, offset_y_px = (part[band] for part in self.distortion_px)
         for x_px, y_px in self.effects.offset_px(at):
-            bend_x_px, bend_y_px = bend_x_px + x_px, bend_y_px + y_px
+            offset_x_px, offset_y_px = offset_x_px + x_px, offset_y_px + y_px
         maps = self.row_maps(np.concatenate([begin_s, end_s]), motion, start_time_s, frame)
-        seen_x, seen_y = np.empty((len(rows), width)), np.empty((len(rows), width))
+        points_x, points_y = np.empty((len(rows), width)), np.empty((len(rows), width))
         count = len(rows)
-        seen_points(seen_x, seen_y, rows.start, bend_x_px, bend_y_px, maps[:count], maps[count:], backwards)
+        beam_points(points_x, points_y, rows.start, offset_x_px, offset_y_px, maps[:count], maps[count:], backwards)
         if self.effects.deforming:
             middle = Instants(0.5 * (begin_s + end_s), start_time_s, frame, self.scan, motion)
             inverse = np.linalg.inv(np.eye(2) + self.effects.moved(middle).gradient)
-            seen_x, seen_y = self._undeformed(seen_x, seen_y, inverse, at)
-        return seen_x, seen_y, at
+            points_x, points_y = self._undeformed(points_x, points_y, inverse, at)
+        return points_x, points_y, at
 
     def _visits(self, rows: range, visit: int, start_time_s: float, motion: Motion, frame: int) -> PixelVisits:
         timing, band = self.timing, slice(rows.start, rows.stop)
@@ -181,16 +181,16 @@ class Column:
 
     def _undeformed(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64], inverse: NDArray[np.floating], at: PixelVisits) -> Plane:
         """Solve xi = xi0 - A w(xi) by iteration."""
-        found_x, found_y = x_px, y_px
+        material_x, material_y = x_px, y_px
         xx, xy, yx, yy = (inverse[:, i, j, None] for i in range(2) for j in range(2))
         for _ in range(_REFINEMENTS):
-            planes = self.effects.material_px(found_x, found_y, at)
+            planes = self.effects.material_px(material_x, material_y, at)
             wx, wy = sum(plane[0] for plane in planes), sum(plane[1] for plane in planes)
-            found_x, found_y = x_px - xx * wx - xy * wy, y_px - yx * wx - yy * wy
-        return found_x, found_y
+            material_x, material_y = x_px - xx * wx - xy * wy, y_px - yx * wx - yy * wy
+        return material_x, material_y
 
     def _expose(self, out: NDArray[np.unsignedinteger], first_row: int, start_time_s: float, motion: Motion, frame: int) -> None:
-        """The general case: every visit of every pixel at its own time."""
+        """Render rows in the general case: every visit of every pixel at its own time."""
         for begin in range(0, out.shape[0], _BAND_ROWS):
             band = out[begin : begin + _BAND_ROWS]
             signal = np.zeros(band.shape)
@@ -199,27 +199,27 @@ class Column:
             self.digitise(band, first_row + begin, signal, frame)
 
     def expose(self, signal: NDArray[np.float64], first_row: int, visit: int, start_time_s: float, motion: Motion, frame: int) -> None:
-        """Add what one visit of some rows sees; after all visits `digitise` makes grey levels of the sum.
+        """Add the signal of one visit of rows; after all visits `digitise` converts the sum to grey levels.
 
-        Rows and visits may come in any pieces; the sum is the same to the last bit if each row's visits come in order.
+        Rows can be exposed in any groups; the sum is equal to the last bit if the visits of each row are in order.
 
         Args:
             signal: (rows, width) added to, zeros before the first visit.
-            first_row: its first row's number.
+            first_row: number of the first row.
             visit: number of the visit.
-            start_time_s: when the frame began, seconds since the run began.
-            motion: of the specimen, covering these rows' times on this visit.
+            start_time_s: start of the frame, seconds since the run began.
+            motion: motion of the specimen in the time of this visit.
             frame: number of the frame.
         """
         detector, speckle, optics = self.detector, self.speckle, self.effects.optics()
         x_px, y_px, at = self.specimen_points(range(first_row, first_row + signal.shape[0]), visit, start_time_s, motion, frame)
         probe_px = optics.probe_px(Instants(at.time_s[:, 0], start_time_s, frame, self.scan, motion))
-        seen = np.zeros(signal.shape)
-        add_coverage(seen, x_px, y_px, probe_px, 1.0, speckle.kind, speckle.seed, speckle.numbers)
-        signal += optics.grey(detector.offset + detector.gain * seen, x_px, y_px, at)
+        gold = np.zeros(signal.shape)
+        add_coverage(gold, x_px, y_px, probe_px, 1.0, speckle.kind, speckle.seed, speckle.numbers)
+        signal += optics.grey(detector.offset + detector.gain * gold, x_px, y_px, at)
 
     def digitise(self, out: NDArray[np.unsignedinteger], first_row: int, signal: NDArray[np.float64], frame: int) -> None:
-        """Write rows of a frame from the sum of all their visits."""
+        """Write rows of a frame from the sum of all visits."""
         detector = self.detector
         mean = signal / self.visits
         variance = self.effects.optics().variance(detector.read_noise**2 + detector.shot_noise * mean, mean)
@@ -229,7 +229,7 @@ class Column:
 def build_column(
     scan: Scan, detector: Detector, speckle: Pattern, drift: Drift, distortion: Distortion, effects: EffectSet | None = None
 ) -> Column:
-    """A column with its distortion worked out for every scan address."""
+    """A column with its distortion computed for every scan address."""
     x_px, y_px = np.meshgrid(np.arange(scan.width_px), np.arange(scan.height_px))
     bend = distortion.at(x_px, y_px, scan.width_px, scan.height_px)
     bend_px = np.ascontiguousarray(bend[..., 0]), np.ascontiguousarray(bend[..., 1])

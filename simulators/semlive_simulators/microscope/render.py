@@ -1,4 +1,4 @@
-"""Frames without a bench: for tests, and for whoever wants images with a known truth."""
+"""Frames without a bench, for tests and for images with known true values."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from semlive_simulators.specimen.specimen import Motion, at_rest
 def render_frame(
     scenario: Scenario, start_time_s: float = 0.0, motion: Motion | None = None, frame: int = 0, column: Column | None = None
 ) -> NDArray[np.unsignedinteger]:
-    """One frame as the bench would scan it.
+    """One frame, as the bench scans it.
 
     Args:
         scenario: drift, distortion, speckle, detector and raster; use ``dataclasses.replace`` to change them.
-        start_time_s: when the scan begins, seconds since the run began (the drift runs from there).
-        motion: of the specimen; at rest without it (`semlive_simulators.specimen.specimen.at_rest` gives a shift and a gradient).
-        frame: number of the scan; decides its noise.
-        column: ``scenario.column()`` if it is at hand, which saves its construction.
+        start_time_s: start of the scan, seconds since the run began, which is the start of the drift.
+        motion: motion of the specimen; None for a specimen at rest (see `semlive_simulators.specimen.specimen.at_rest`).
+        frame: number of the scan, which determines its noise.
+        column: ``scenario.column()``; None computes it.
 
     Returns:
         (height, width) of the detector's dtype, without databar.

@@ -1,4 +1,4 @@
-"""The raster in time: which row is visited when, how often and in which direction."""
+"""The raster in time: start, number of visits and direction of each row."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from pydantic import ConfigDict
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """Raster scans over the field of view, one or several to an image.
+    """Raster scans over the field of view, one or several per image.
 
     Attributes:
         width_px: pixels in a row.
-        height_px: rows.
-        dwell_time_s: time on a pixel, each visit.
-        frame_time_s: time of all rows visited once, fly-back included.
-        gap_s: between the end of a frame and the start of the next when scanning continuously.
+        height_px: number of rows.
+        dwell_time_s: time on a pixel per visit, s.
+        frame_time_s: time of one visit of all rows, with fly-back, s.
+        gap_s: time between the end of a frame and the start of the next in continuous mode, s.
         pixel_size_um: edge of a pixel on the specimen.
-        integrations: visits of each pixel, averaged.
-        integration: whether the whole ``frame`` is scanned again, or each ``line`` before the next one.
-        direction: ``forward`` always left to right, ``snake`` odd rows right to left.
-        interlaced: whether the even rows come first, then the odd ones.
-        rotation_rad: scan rotation; the scan's x axis lies this far from the column's, x towards y positive.
-        spot_px: standard deviation of the probe; it adds to the softness of the dots themselves.
+        integrations: number of visits of each pixel, which are averaged.
+        integration: ``frame`` repeats the complete frame, ``line`` repeats each line before the next one.
+        direction: ``forward`` scans all rows from left to right, ``snake`` the odd rows from right to left.
+        interlaced: whether the even rows are scanned first, then the odd ones.
+        rotation_rad: scan rotation from the axes of the column to those of the scan, positive from x to y.
+        spot_px: standard deviation of the probe, px, in addition to the soft edges of the dots.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -55,12 +55,12 @@ class Scan:
 
     @property
     def row_time_s(self) -> float:
-        """From the start of a row to the start of the next."""
+        """Time from the start of a row to the start of the next, s."""
         return self.frame_time_s / self.height_px
 
     @property
     def duration_s(self) -> float:
-        """From the first visit of the first pixel to the end of the last scan."""
+        """Time from the first pixel to the end of the last scan, s."""
         return self.integrations * self.frame_time_s
 
     @property
@@ -69,21 +69,21 @@ class Scan:
         return np.array([0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)])
 
     @property
-    def turn(self) -> NDArray[np.float64]:
-        """(2, 2) matrix from the scan's axes to the column's."""
+    def rotation(self) -> NDArray[np.float64]:
+        """(2, 2) rotation matrix from the axes of the scan to those of the column."""
         cos, sin = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         return np.array([[cos, -sin], [sin, cos]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timing:
-    """When the rows of a frame are visited.
+    """Times at which the rows of a frame are visited.
 
     Attributes:
-        row_start_s: (visits, rows) from the start of the frame to the first pixel of each row on each visit.
-        reversed_rows: (rows,) whether a row runs from right to left.
-        dwell_time_s: time on a pixel.
-        row_time_s: from the start of a row to the start of the next that is scanned.
+        row_start_s: (visits, rows) start of each row on each visit, seconds since the frame began.
+        reversed_rows: (rows,) whether a row is scanned from right to left.
+        dwell_time_s: time on a pixel, s.
+        row_time_s: time from the start of a row to the start of the next scanned row, s.
     """
 
     row_start_s: NDArray[np.float64]
@@ -93,18 +93,18 @@ class Timing:
 
     @property
     def end_s(self) -> float:
-        """When the last row is done, from the start of the frame."""
+        """End of the last row, seconds since the frame began."""
         return float(self.row_start_s.max()) + self.row_time_s
 
     @property
     def plain(self) -> bool:
-        """Whether every row is visited once, from left to right and from top to bottom."""
+        """Whether every row has a single visit, from left to right and from top to bottom."""
         even = np.arange(self.row_start_s.shape[1]) * self.row_time_s
         return self.row_start_s.shape[0] == 1 and not self.reversed_rows.any() and np.allclose(self.row_start_s[0], even, atol=1e-9)
 
 
 def timing(scan: Scan) -> Timing:
-    """The timing of a scan as the scan generator means it."""
+    """The nominal timing of a scan."""
     rows = np.arange(scan.height_px)
     order: NDArray[np.int64] = rows if not scan.interlaced else np.where(rows % 2 == 0, rows // 2, (scan.height_px + 1) // 2 + rows // 2)
     visits = np.arange(scan.integrations)[:, None]

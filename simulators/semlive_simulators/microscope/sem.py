@@ -1,4 +1,4 @@
-"""The virtual SEM at work: it scans as time passes and exports each frame while the next one runs."""
+"""The virtual SEM: scans in experiment time, and exports each frame during the next scan."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Exported", "Sem"]
 
 
 class Sem:
-    """A thread that scans, and a desk that writes files. `failed` is called when either dies of an error."""
+    """A thread that scans, and threads that write files. `failed` is called when one of them fails."""
 
     def __init__(
         self,
@@ -39,35 +39,35 @@ class Sem:
         self._wake = threading.Condition()
         self._requested = False
         self._scanning = False
-        self._desk = ExportThread(scenario, clock, folder, self._stop, exported, failed)
+        self._export = ExportThread(scenario, clock, folder, self._stop, exported, failed)
         self._thread = threading.Thread(target=self._guarded, name="scan", daemon=True)
 
     @property
     def scanning(self) -> bool:
-        """Whether the beam is scanning a frame, or was just told to."""
+        """Whether a scan is under way or requested."""
         return self._scanning or self._requested
 
     @property
     def exported(self) -> int:
         """Frames completely written so far."""
-        return self._desk.exported
+        return self._export.exported
 
     def start(self) -> None:
-        """Begin."""
-        self._desk.start()
+        """Start all threads."""
+        self._export.start()
         self._thread.start()
 
     def stop(self) -> None:
-        """Give up the scan that runs, finish the files that are being written, end."""
+        """Abort the present scan, complete the files that are being written, and end."""
         self._stop.set()
         with self._wake:
             self._wake.notify_all()
         if self._thread.is_alive():
             self._thread.join(timeout=10.0)
-        self._desk.stop()
+        self._export.stop()
 
     def request_scan(self) -> bool:
-        """Ask for one frame in triggered mode; False while scanning, and in continuous mode."""
+        """Request one frame in triggered mode; False during a scan, and in continuous mode."""
         with self._wake:
             if not self._triggered or self._scanning or self._requested:
                 return False
@@ -95,29 +95,29 @@ class Sem:
             scanned = self._scan(frame, start_ns)
             if scanned is None:
                 return
-            self._desk.put(scanned)
+            self._export.put(scanned)
             frame += 1
             start_ns = scanned.end_time_ns + round(self._scenario.scan.gap_s * 1e9)
 
     def _scan(self, frame: int, start_ns: int) -> FinishedScan | None:
-        """Scan one frame pass by pass, each when its time has passed; None if told to stop."""
+        """Scan one frame pass by pass, each after its time has passed; None after a stop."""
         start_s = (start_ns - self._clock.start_ns) * 1e-9
         exposure = Exposure(self._column, frame, start_s)
         with self._wake:
             self._scanning, self._requested = True, False
-        for one in self._passes:
-            due_ns = start_ns + round(one.end_s * 1e9)
+        for row_pass in self._passes:
+            due_ns = start_ns + round(row_pass.end_s * 1e9)
             self._clock.register_work("strip", due_ns)
             if not self._clock.wait_until(due_ns, self._stop):
                 return None
             self._machine.advance_to(due_ns)
-            exposure.expose(one, self._machine.window(start_s + one.begin_s, start_s + one.end_s).motion)
+            exposure.expose(row_pass, self._machine.window(start_s + row_pass.begin_s, start_s + row_pass.end_s).motion)
             self._clock.done("strip")
         duration_s = self._column.duration_s
         end_ns = start_ns + round(duration_s * 1e9)
-        if not self._clock.wait_until(end_ns, self._stop):  # rows may be done sooner than the scan generator counts
+        if not self._clock.wait_until(end_ns, self._stop):  # the last row may end before the nominal end of the scan
             return None
-        # Reading and window are taken now: a slow share may write the file long after the stage has gone on.
+        # Reading and window are stored now, because on a slow share the file may be written after the next move of the stage.
         reading, window = self._machine.read(end_ns), self._machine.window(start_s, start_s + duration_s)
         self._scanning = False
         return FinishedScan(frame, start_ns, end_ns, exposure.image, reading, window)

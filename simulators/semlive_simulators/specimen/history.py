@@ -1,4 +1,4 @@
-"""What was done before an instant: load steps, moves of the stage and shifts of the beam."""
+"""History of a specimen up to an instant: load steps, moves of the stage and beam shifts."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class LoadStep:
-    """A load that was reached.
+    """A completed load step.
 
     Attributes:
-        time_s: when, seconds since the run began.
-        change_n: since the step before.
+        time_s: end of the step, seconds since the run began.
+        change_n: change of the load since the previous step, N.
     """
 
     time_s: float
@@ -20,10 +20,10 @@ class LoadStep:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A move of the stage, or a shift of the beam, that ended.
+    """A completed move of the stage, or a completed beam shift.
 
     Attributes:
-        time_s: when, seconds since the run began.
+        time_s: end of the move, seconds since the run began.
         from_px: (x, y) commanded position before.
         to_px: (x, y) commanded position after.
     """
@@ -34,22 +34,21 @@ class Move:
 
     @property
     def change_px(self) -> tuple[float, float]:
-        """The commanded motion."""
+        """The commanded motion, (x, y) in px."""
         return self.to_px[0] - self.from_px[0], self.to_px[1] - self.from_px[1]
 
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """What was done, each kind in order of time.
+    """Completed steps and moves, each kind in the order of time.
 
-    Shifts of the beam are kept apart from moves of the stage: gears, guides and piezos do not move when coils do, so backlash, yaw,
-    relaxation and the stage's own errors must not see them. What follows from any new place in view, such as focusing
-    again, sees both.
+    Beam shifts are separate from moves of the stage: a beam shift moves no gears, guides or piezos, so it causes no backlash, yaw,
+    relaxation or other stage error. Effects of any new field of view, such as focusing again, depend on both.
 
     Attributes:
-        load_steps: loads that were reached.
-        moves: of the stage.
-        beam_shifts: of the beam.
+        load_steps: completed load steps.
+        moves: completed moves of the stage.
+        beam_shifts: completed beam shifts.
     """
 
     load_steps: tuple[LoadStep, ...] = ()
@@ -57,9 +56,9 @@ class History:
     beam_shifts: tuple[Move, ...] = ()
 
     def changes_s(self) -> list[float]:
-        """Times of everything that happened, in order."""
-        return sorted(done.time_s for kind in (self.load_steps, self.moves, self.beam_shifts) for done in kind)
+        """Times of all completed steps and moves, in order."""
+        return sorted(event.time_s for kind in (self.load_steps, self.moves, self.beam_shifts) for event in kind)
 
 
 EMPTY_HISTORY = History()
-"""The history of a specimen that was just put in."""
+"""The history of a new specimen."""

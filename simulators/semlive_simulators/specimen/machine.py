@@ -1,4 +1,4 @@
-"""Load frame, stage and specimen together, advanced in experiment time, with a memory of how the specimen lay."""
+"""Load frame, stage, beam shift and specimen, advanced in experiment time, with the recent motion of the specimen."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from semlive_simulators.specimen.specimen import Motion, at_rest
 from semlive_simulators.specimen.strain_field import elongation
 
 STEP_NS = 50_000_000
-"""Physics runs in steps of 50 ms on a grid fixed to the start of the run: half a row, 1 um of stage motion."""
+"""Time step of the simulation, counted from the start of the run: half a row time, or 1 um of stage motion."""
 READINGS_PER_S = 100
-_REMEMBERED_S = 600.0
-"""How long the past is kept beyond one frame, whose truth is asked for when its scan is over."""
+_STORED_S = 600.0
+"""Time for which states are stored in addition to one frame, whose truth is needed after its scan."""
 _CONTROL_PASSES = 6
-"""Each pass gains the load cell's gain error: 2 % leaves 1e-10 of the load."""
+"""Iterations of load control: each one reduces the error by the gain error of the load cell, with 2 % to 1e-10 of the load."""
 _FORCE_STREAM, _EXTENSION_STREAM, _ENCODER_X_STREAM, _ENCODER_Y_STREAM = 1, 2, 3, 4
 
 
 @dataclass(frozen=True, slots=True)
 class StateSample:
-    """How things stood at the end of a physics step."""
+    """State at the end of a time step."""
 
     time_s: float
     force_n: float
@@ -41,7 +41,7 @@ class StateSample:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the devices say of themselves at an instant, their own noise included; `number` counts readings, the load frame's apart."""
+    """Readings of all devices at an instant, with noise; `number` counts readings, `load_frame_number` those of the load frame."""
 
     number: int
     load_frame_number: int
@@ -63,12 +63,12 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """What truly happened between two instants.
+    """True state between two instants.
 
     Attributes:
-        motion: of the specimen.
-        force_mean_n: mean true force.
-        moving: whether load frame or stage moved.
+        motion: motion of the specimen.
+        force_mean_n: mean true force, N.
+        moving: whether load frame, stage or beam shift moved.
     """
 
     motion: Motion
@@ -77,10 +77,10 @@ class Window:
 
 
 class LoadTrain:
-    """The moving parts of the bench; safe to use from several threads.
+    """The moving parts of the bench; thread-safe.
 
     Attributes:
-        faults: what goes wrong, planned or ordered.
+        faults: planned and ordered faults.
     """
 
     def __init__(self, scenario: Scenario, start_ns: int) -> None:
@@ -91,74 +91,74 @@ class LoadTrain:
         self._load = dynamics.at_rest(scenario.load_frame, scenario.specimen.stiffness_n_mm)
         self._stage = stages.StageState()
         self._beam = stages.StageState()
-        self._memory: list[StateSample] = []
+        self._samples: list[StateSample] = []
         self.faults = fault_schedule.FaultSchedule(scenario.faults)
         self._frozen: Reading | None = None
         self._readings = scenario.effects.readings()
         self._history = History()
-        self._remembered = math.ceil((scenario.frame_duration_s + _REMEMBERED_S) / (STEP_NS * 1e-9))
+        self._max_samples = math.ceil((scenario.frame_duration_s + _STORED_S) / (STEP_NS * 1e-9))
         self._reached_n = 0.0
         self._reached_px = (0.0, 0.0)
         self._beam_reached_px = (0.0, 0.0)
-        self._remember()
+        self._store_sample()
 
-    def _remember(self) -> None:
+    def _store_sample(self) -> None:
         stage_um = stages.true_position_um(self._stage, self._scenario.stage)
         beam_um = stages.true_position_um(self._beam, self._scenario.beam_shift)
         x_um, y_um = stage_um[0] + beam_um[0], stage_um[1] + beam_um[1]
         moving = self._stage.moving or self._beam.moving or self._load.moving
         time_s = self._steps * STEP_NS * 1e-9
-        self._memory.append(StateSample(time_s, self._load.force_n, x_um, y_um, self._stage.yaw_rad, moving))
-        if len(self._memory) > 2 * self._remembered:
-            del self._memory[: self._remembered]
+        self._samples.append(StateSample(time_s, self._load.force_n, x_um, y_um, self._stage.yaw_rad, moving))
+        if len(self._samples) > 2 * self._max_samples:
+            del self._samples[: self._max_samples]
 
     def advance_to(self, time_ns: int) -> None:
-        """Let time pass up to the first step at or after an instant; never goes back."""
-        goal = -((self._start_ns - time_ns) // STEP_NS)
+        """Advance to the first time step at or after an instant, UTC ns; never goes back."""
+        last_step = -((self._start_ns - time_ns) // STEP_NS)
         with self._lock:
-            while self._steps < goal:
+            while self._steps < last_step:
                 load, stage, beam = self._load, self._stage, self._beam
                 self._load = dynamics.step(self._load, self._scenario.load_frame, STEP_NS * 1e-9, self._elongation_mm)
                 self._stage = stages.step(self._stage, self._scenario.stage, STEP_NS * 1e-9)
                 self._beam = stages.step(self._beam, self._scenario.beam_shift, STEP_NS * 1e-9)
                 self._steps += 1
                 now_s = self._steps * STEP_NS * 1e-9
-                # The very number that was `now_s` a step ago: a difference is off by a rounding, and what falls between strikes twice.
-                before_s, faults = (self._steps - 1) * STEP_NS * 1e-9, self.faults.begun(now_s)
+                # Exactly `now_s` of the previous step: with a rounding difference a fault at that instant would start twice.
+                before_s, faults = (self._steps - 1) * STEP_NS * 1e-9, self.faults.start_ordered(now_s)
                 self._load = fault_schedule.apply_faults(self._load, faults, before_s, now_s)
                 if any(fault.what is MachineFault.STAGE_STALL and fault.occurs_between(before_s, now_s) for fault in faults):
                     self._stage = stages.stall(self._stage)
-                self._remember()
-                self._note(load, stage, beam)
+                self._store_sample()
+                self._record_completed(load, stage, beam)
 
-    def _note(self, load: dynamics.LoadFrameState, stage: stages.StageState, beam: stages.StageState) -> None:
-        """Enter into the history what ended with the last step; states are those before it, the lock is held."""
+    def _record_completed(self, load: dynamics.LoadFrameState, stage: stages.StageState, beam: stages.StageState) -> None:
+        """Add steps and moves that ended with the last time step to the history; states are those before it. Requires the lock."""
         time_s = self._steps * STEP_NS * 1e-9
         if load.moving and not self._load.moving:
             step = LoadStep(time_s, self._load.force_n - self._reached_n)
             self._history = replace(self._history, load_steps=(*self._history.load_steps, step))
             self._reached_n = self._load.force_n
         if stage.moving and not self._stage.moving:
-            move = Move(time_s, self._reached_px, self._place_px(self._stage))
+            move = Move(time_s, self._reached_px, self._commanded_px(self._stage))
             self._history = replace(self._history, moves=(*self._history.moves, move))
             self._reached_px = move.to_px
         if beam.moving and not self._beam.moving:
-            shift = Move(time_s, self._beam_reached_px, self._place_px(self._beam))
+            shift = Move(time_s, self._beam_reached_px, self._commanded_px(self._beam))
             self._history = replace(self._history, beam_shifts=(*self._history.beam_shifts, shift))
             self._beam_reached_px = shift.to_px
 
     def _elongation_mm(self, peak_n: float) -> float:
         return self._scenario.effects.plastic_strain(peak_n) * self._scenario.specimen.length_mm
 
-    def _more_strain(self, load: dynamics.LoadFrameState, time_s: float, history: History) -> float:
-        """What the strain gage sees besides the elastic strain: plastic strain, creep, and what a hole or grains do along its grid."""
+    def _further_strain(self, load: dynamics.LoadFrameState, time_s: float, history: History) -> float:
+        """Strain of the gage in addition to the elastic strain: plastic strain, creep, and the effect of holes and grains."""
         scenario, motion = self._scenario, at_rest(load_n=load.force_n, history=history)
         creep = self._readings.specimen_strain(time_s, motion, scenario.scan)
         grid_px = scenario.strain_gage.length_mm * 1e3 / scenario.scan.pixel_size_um
         local = elongation(scenario.effects, scenario.scan, motion, time_s, grid_px)
         return load.plastic_mm / scenario.specimen.length_mm + creep + local
 
-    def _place_px(self, state: stages.StageState) -> tuple[float, float]:
+    def _commanded_px(self, state: stages.StageState) -> tuple[float, float]:
         pixel_um = self._scenario.scan.pixel_size_um
         return state.motor_x_um / pixel_um, state.motor_y_um / pixel_um
 
@@ -166,16 +166,16 @@ class LoadTrain:
         return self._readings.load_n(force_n, time_s, at_rest(load_n=force_n, history=history))
 
     def read(self, time_ns: int) -> Reading:
-        """What the devices say at an instant."""
+        """Readings of all devices at an instant, UTC ns."""
         self.advance_to(time_ns)
         number = max(0, (time_ns - self._start_ns) * READINGS_PER_S // 1_000_000_000)
         seed, frame, stage = self._scenario.seed, self._scenario.load_frame, self._scenario.stage
         with self._lock:
-            load, position, history, beam = self._load, self._stage, self._history, self._beam
+            load, stage_state, history, beam = self._load, self._stage, self._history, self._beam
         time_s = (time_ns - self._start_ns) * 1e-9
         extension_mm = self._readings.extension_mm(load.extension_mm, load.force_n)
         noisy_n = self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number)
-        more = self._more_strain(load, time_s, history)
+        further_strain = self._further_strain(load, time_s, history)
         reading = Reading(
             number=number,
             load_frame_number=number,
@@ -185,49 +185,49 @@ class LoadTrain:
             load_frame_moving=load.moving,
             load_frame_fault=load.faulty,
             load_frame_drive=load.drive,
-            encoder_x_um=position.motor_x_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_X_STREAM, number),
-            encoder_y_um=position.motor_y_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_Y_STREAM, number),
-            stage_moving=position.moving,
-            stage_fault=position.stalled,
+            encoder_x_um=stage_state.motor_x_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_X_STREAM, number),
+            encoder_y_um=stage_state.motor_y_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_Y_STREAM, number),
+            stage_moving=stage_state.moving,
+            stage_fault=stage_state.stalled,
             beam_x_um=beam.motor_x_um,
             beam_y_um=beam.motor_y_um,
             beam_moving=beam.moving,
-            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, more),
+            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, further_strain),
         )
-        return self._spoilt(reading, time_s)
+        return self._with_sensor_faults(reading, time_s)
 
-    def _spoilt(self, reading: Reading, time_s: float) -> Reading:
-        """What is said while sensors are in trouble."""
-        there = {fault.what for fault in self.faults.known() if fault.lasts(time_s)}
-        if MachineFault.GAGE_OFF in there:
+    def _with_sensor_faults(self, reading: Reading, time_s: float) -> Reading:
+        """The reading with active faults of sensors."""
+        active = {fault.what for fault in self.faults.active_and_planned() if fault.lasts(time_s)}
+        if MachineFault.GAGE_OFF in active:
             reading = replace(reading, strain_gage=math.nan)
         with self._lock:
-            if MachineFault.FROZEN_READINGS not in there:
+            if MachineFault.FROZEN_READINGS not in active:
                 self._frozen = None
                 return reading
-            old = self._frozen = self._frozen or reading
-        said = {"force_n": old.force_n, "extension_mm": old.extension_mm, "strain_gage": old.strain_gage}
-        return replace(reading, load_frame_number=old.load_frame_number, **said)
+            frozen = self._frozen = self._frozen or reading
+        values = {"force_n": frozen.force_n, "extension_mm": frozen.extension_mm, "strain_gage": frozen.strain_gage}
+        return replace(reading, load_frame_number=frozen.load_frame_number, **values)
 
     def window(self, first_s: float, last_s: float) -> Window:
-        """What truly happened between two instants, seconds since the run began; must lie in the recent past."""
+        """The true state between two recent instants, seconds since the run began."""
         with self._lock:
-            newest = self._memory[-1].time_s
+            newest = self._samples[-1].time_s
             step_s = STEP_NS * 1e-9
-            behind = math.ceil((newest - first_s) / step_s) + 2
-            recent = self._memory[-max(behind, 2) :]
+            count = math.ceil((newest - first_s) / step_s) + 2
+            recent = self._samples[-max(count, 2) :]
             history = self._history
-        kept = [entry for entry in recent if first_s - step_s < entry.time_s < last_s + step_s] or recent[-1:]
-        force = np.array([entry.force_n for entry in kept])
-        yaw = np.array([entry.yaw_rad for entry in kept])
-        position = np.array([(entry.x_um, entry.y_um) for entry in kept])
+        samples = [entry for entry in recent if first_s - step_s < entry.time_s < last_s + step_s] or recent[-1:]
+        force = np.array([entry.force_n for entry in samples])
+        yaw = np.array([entry.yaw_rad for entry in samples])
+        position = np.array([(entry.x_um, entry.y_um) for entry in samples])
         specimen = self._scenario.specimen
         shift = position / self._scenario.scan.pixel_size_um + specimen.shift_px(force)
-        motion = Motion(np.array([entry.time_s for entry in kept]), shift, specimen.gradient(force, yaw), force, history)
-        return Window(motion, float(force.mean()), any(entry.moving for entry in kept))
+        motion = Motion(np.array([entry.time_s for entry in samples]), shift, specimen.gradient(force, yaw), force, history)
+        return Window(motion, float(force.mean()), any(entry.moving for entry in samples))
 
     def ramp_to(self, force_n: float, rate_n_s: float) -> None:
-        """Start a ramp in load control, to where the load cell will say `force_n`."""
+        """Start a ramp in load control to a reading of the load cell of `force_n`."""
         with self._lock:
             time_s, true_n = self._steps * STEP_NS * 1e-9, force_n
             for _ in range(_CONTROL_PASSES):
@@ -237,12 +237,12 @@ class LoadTrain:
             self._load = dynamics.ramp_to(self._load, true_n, rate_n_s)
 
     def jog(self, speed_mm_s: float) -> None:
-        """Start moving the crosshead in displacement control, positive pulls."""
+        """Start a motion of the crosshead in displacement control, tension positive."""
         with self._lock:
             self._load = dynamics.jog(self._load, speed_mm_s)
 
     def travel_to(self, extension_mm: float, speed_mm_s: float) -> None:
-        """Start moving the crosshead to an extension in displacement control, and hold it there."""
+        """Start a motion of the crosshead to an extension in displacement control, then hold it."""
         with self._lock:
             self._load = dynamics.travel_to(self._load, extension_mm, speed_mm_s)
 
@@ -251,42 +251,42 @@ class LoadTrain:
         with self._lock:
             load = self._load
             self._load = dynamics.stop(load)
-            self._note(load, self._stage, self._beam)
+            self._record_completed(load, self._stage, self._beam)
 
     def move_stage(self, x_um: float, y_um: float, actuator: stages.Actuator = stages.Actuator.STAGE) -> None:
-        """Start a motion of the stage, or of the beam in its place."""
+        """Start a move of the stage, or a beam shift."""
         with self._lock:
             if actuator is stages.Actuator.BEAM_SHIFT:
-                # Another seed: what the beam's shift errs by is not what the stage's motion does.
+                # Another seed, so that the errors of the beam shift are independent of those of the stage.
                 self._beam = stages.start_move(self._beam, self._scenario.beam_shift, x_um, y_um, self._scenario.seed + 1)
                 return
             self._stage = stages.start_move(self._stage, self._scenario.stage, x_um, y_um, self._scenario.seed)
 
     def stop_stage(self, actuator: stages.Actuator = stages.Actuator.STAGE) -> None:
-        """Stop the stage, or the beam's shift."""
+        """Stop the stage, or the beam shift."""
         with self._lock:
             stage, beam = self._stage, self._beam
             if actuator is stages.Actuator.BEAM_SHIFT:
                 self._beam = stages.stop(beam)
             else:
                 self._stage = stages.stop(stage)
-            self._note(self._load, stage, beam)
+            self._record_completed(self._load, stage, beam)
 
     def trip_watchdog(self) -> None:
-        """The watchdog expired: everything stops and holds, the load frame reports a fault."""
+        """Stop load frame and stage after the watchdog expired; the load frame reports a fault."""
         with self._lock:
             load, stage = self._load, self._stage
             self._load, self._stage = dynamics.trip_watchdog(load), stages.stop(stage)
-            self._note(load, stage, self._beam)
+            self._record_completed(load, stage, self._beam)
 
     @property
     def jogging_mm_s(self) -> float:
-        """Speed of the crosshead in displacement control, 0 if it is not driven so."""
+        """Speed of the crosshead in displacement control, mm/s; 0 in other states."""
         with self._lock:
             return self._load.jog_mm_s if self._load.drive is dynamics.Drive.JOGGING else 0.0
 
     @property
     def locked(self) -> bool:
-        """Whether the load frame obeys no motion before a stop: after its own force limit, or the emergency stop."""
+        """Whether the load frame refuses motions until a stop: after its force limit, or an emergency stop."""
         with self._lock:
             return self._load.drive in (dynamics.Drive.OVERLOAD, dynamics.Drive.EMERGENCY)

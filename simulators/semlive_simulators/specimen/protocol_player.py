@@ -1,4 +1,4 @@
-"""The scenario's own experiment, played in experiment time: drive, settle, hold, two frames, and on to the next stop."""
+"""The experiment of a scenario in experiment time: at each stop move, settle, hold, and scan two frames."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from semlive_simulators.specimen.machine import STEP_NS, LoadTrain, Window
 from semlive_simulators.specimen.stage import Actuator
 
 START_NS = 1_767_600_000_000_000_000
-"""When every played experiment begins: 2026-01-05 08:00 UTC."""
-_APPROACHES = 3
+"""Start of every played experiment: 2026-01-05 08:00 UTC."""
+_MAX_APPROACHES = 3
 _LOAD_SAMPLE_NS = 1_000_000_000
 _SETTLE_LIMIT_S = 900.0
 
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """The part of the scenario's experiment that is played; what else it says is the daemon's business.
+    """The part of the experiment that is played; the daemon uses the other keys.
 
     Attributes:
-        calibration_shifts_px: commanded (x, y) of the calibration stops.
-        translation_shifts_px: of the translations.
-        loads_n: of the tensile stops, at shift zero.
-        hold_s: rest before a pair.
-        settle_s: rest that counts as settled.
-        ramp_rate_n_s: of load changes.
-        load_tolerance_n: allowed distance of the load.
-        load_tolerance_fraction: the same as a fraction of the load; the larger holds.
-        stage_tolerance_um: allowed distance of the stage's own reading.
-        recentre_beyond_px: if the field was astray by more than this in the pair before, the shift takes it back too.
+        calibration_shifts_px: commanded (x, y) shifts of the calibration stops, px.
+        translation_shifts_px: commanded (x, y) shifts of the translation stops, px.
+        loads_n: loads of the tensile stops, at zero shift, N.
+        hold_s: hold before a pair, s.
+        settle_s: time without motion after which the machine is settled, s.
+        ramp_rate_n_s: rate of load changes, N/s.
+        load_tolerance_n: allowed difference of the load, N.
+        load_tolerance_fraction: allowed difference of the load as a fraction of it; the larger tolerance is used.
+        stage_tolerance_um: allowed difference of the stage reading, um.
+        recentre_beyond_px: offset of the field in the previous pair beyond which the shift corrects it, px; None never.
     """
 
     __pydantic_config__ = ConfigDict(extra="ignore")
@@ -55,7 +55,7 @@ class Protocol:
 
 @dataclass(frozen=True, slots=True)
 class ProtocolStep:
-    """Where a pair is taken: phase, commanded shift and, in the tensile phase, load."""
+    """A stop at which a pair is scanned: phase, commanded shift and, in the tensile phase, load."""
 
     phase: str
     shift_px: tuple[float, float]
@@ -67,17 +67,17 @@ class ScannedFrame:
     """A frame that was scanned, without its pixels.
 
     Attributes:
-        frame: its number; frames 2k and 2k + 1 are pair k.
-        stop: where it was taken, with the shift that was commanded.
-        start_s: when the scan began, seconds since the run began.
-        start_ns: the same, UTC ns.
-        end_ns: when it ended.
-        window: what truly happened meanwhile.
-        load_mean_n: mean reading of the load cell.
-        gage_strain: mean reading of the strain gage, NaN if it said nothing.
-        encoder_x_um: stage position by its own encoder at the end.
+        frame: number of the frame; frames 2k and 2k + 1 are pair k.
+        stop: stop of the protocol, with the commanded shift.
+        start_s: start of the scan, seconds since the run began.
+        start_ns: start of the scan, UTC ns.
+        end_ns: end of the scan, UTC ns.
+        window: true state during the scan.
+        load_mean_n: mean reading of the load cell, N.
+        gage_strain: mean reading of the strain gage, NaN without readings.
+        encoder_x_um: stage position of the encoder at the end, um.
         encoder_y_um: likewise.
-        beam_x_um: shift of the beam at the end by the column's own word.
+        beam_x_um: beam shift that the column reports at the end, um.
         beam_y_um: likewise.
     """
 
@@ -96,7 +96,7 @@ class ScannedFrame:
 
 
 class ProtocolPlayer:
-    """Plays an experiment once."""
+    """Plays the experiment of a scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
@@ -107,63 +107,63 @@ class ProtocolPlayer:
 
     @property
     def frames(self) -> int:
-        """How many frames the whole experiment has."""
+        """Number of frames of the complete experiment."""
         return 2 * len(self._stops)
 
     def play(self) -> Iterator[ScannedFrame]:
         """All frames in order.
 
         Raises:
-            BadScenario: a stop is never reached.
+            BadScenario: if a stop is never reached.
         """
         scan, export = self._scenario.scan, self._scenario.export
-        self._pass(self._scenario.first_scan_s)
+        self._wait(self._scenario.first_scan_s)
         origin_px, back_px = None, np.zeros(2)
         for number, planned in enumerate(self._stops):
             stop = replace(planned, shift_px=(planned.shift_px[0] + float(back_px[0]), planned.shift_px[1] + float(back_px[1])))
             self._go_to(stop)
-            self._pass(self._protocol.hold_s)
+            self._wait(self._protocol.hold_s)
             first = self._scan(2 * number, stop)
             yield first
-            self._pass(scan.gap_s)
+            self._wait(scan.gap_s)
             second = self._scan(2 * number + 1, stop)
             yield second
             origin_px = self._field_px(first) - planned.shift_px if origin_px is None else origin_px
-            back_px = back_px - self._taken_back(self._field_px(second) - planned.shift_px - origin_px)
-            self._pass(export.delay_s + export.duration_s)
+            back_px = back_px - self._correction_px(self._field_px(second) - planned.shift_px - origin_px)
+            self._wait(export.delay_s + export.duration_s)
 
-    def _taken_back(self, astray_px: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _correction_px(self, offset_px: NDArray[np.float64]) -> NDArray[np.float64]:
         beyond_px = self._protocol.recentre_beyond_px
-        return astray_px if beyond_px is not None and np.abs(astray_px).max() > beyond_px else np.zeros(2)
+        return offset_px if beyond_px is not None and np.abs(offset_px).max() > beyond_px else np.zeros(2)
 
     def _field_px(self, shot: ScannedFrame) -> NDArray[np.float64]:
-        """(2,) where a frame shows the middle of the specimen: its motion and the drift of the beam."""
+        """(2,) position of the specimen centre in a frame, px: its motion and the drift of the beam."""
         middle_s = shot.start_s + 0.5 * self._scenario.frame_duration_s
         motion = shot.window.motion
         moved_px = [np.interp(middle_s, motion.time_s, motion.shift_px[:, axis]) for axis in (0, 1)]
         return np.asarray(moved_px + self._scenario.drift.at(np.array([middle_s]))[0])
 
-    def _pass(self, seconds: float) -> None:
+    def _wait(self, seconds: float) -> None:
         self.time_ns += round(seconds * 1e9)
         self._machine.advance_to(self.time_ns)
 
     def _go_to(self, stop: ProtocolStep) -> None:
-        """Drive there and settle, again if relaxation or backlash led out of tolerance."""
+        """Move to a stop and settle; repeat it if relaxation or backlash exceeds the tolerance."""
         pixel_um = self._scenario.scan.pixel_size_um
         x_um, y_um = stop.shift_px[0] * pixel_um, stop.shift_px[1] * pixel_um
-        for approach in range(_APPROACHES):
+        for approach in range(_MAX_APPROACHES):
             if approach == 0 or not self._stage_within(x_um, y_um):
                 self._machine.move_stage(x_um, y_um, self._scenario.shifts_by)
-                self._wait_for_rest(stop)
+                self._wait_until_stopped(stop)
             if stop.load_n is not None and (approach == 0 or not self._load_within(stop.load_n)):
                 self._machine.ramp_to(stop.load_n, self._protocol.ramp_rate_n_s)
-                self._wait_for_rest(stop)
-            self._pass(self._protocol.settle_s)
+                self._wait_until_stopped(stop)
+            self._wait(self._protocol.settle_s)
             if self._stage_within(x_um, y_um) and (stop.load_n is None or self._load_within(stop.load_n)):
                 return
-        raise BadScenario(f"scenario {self._scenario.name}: {_words(stop)} is not reached within tolerance; change load_frame or stage")
+        raise BadScenario(f"scenario {self._scenario.name}: {_name_of(stop)} is not reached within tolerance; change load_frame or stage")
 
-    def _wait_for_rest(self, stop: ProtocolStep) -> None:
+    def _wait_until_stopped(self, stop: ProtocolStep) -> None:
         for _ in range(round(_SETTLE_LIMIT_S * 1e9 / STEP_NS)):
             self.time_ns += STEP_NS
             reading = self._machine.read(self.time_ns)
@@ -171,14 +171,16 @@ class ProtocolPlayer:
                 break
             if not (reading.load_frame_moving or reading.stage_moving or reading.beam_moving):
                 return
-        raise BadScenario(f"scenario {self._scenario.name}: {_words(stop)} ends in a fault or takes too long; change loads_n or load_frame")
+        raise BadScenario(
+            f"scenario {self._scenario.name}: {_name_of(stop)} ends in a fault or takes too long; change loads_n or load_frame"
+        )
 
     def _stage_within(self, x_um: float, y_um: float) -> bool:
         reading = self._machine.read(self.time_ns)
-        at_um = (reading.encoder_x_um, reading.encoder_y_um)
+        position_um = (reading.encoder_x_um, reading.encoder_y_um)
         if self._scenario.shifts_by is Actuator.BEAM_SHIFT:
-            at_um = (reading.beam_x_um, reading.beam_y_um)
-        return max(abs(at_um[0] - x_um), abs(at_um[1] - y_um)) <= self._protocol.stage_tolerance_um
+            position_um = (reading.beam_x_um, reading.beam_y_um)
+        return max(abs(position_um[0] - x_um), abs(position_um[1] - y_um)) <= self._protocol.stage_tolerance_um
 
     def _load_within(self, load_n: float) -> bool:
         tolerance_n = max(self._protocol.load_tolerance_n, self._protocol.load_tolerance_fraction * abs(load_n))
@@ -188,29 +190,29 @@ class ProtocolPlayer:
         start_ns, duration_ns = self.time_ns, round(self._scenario.frame_duration_s * 1e9)
         end_ns, start_s = start_ns + duration_ns, (start_ns - START_NS) * 1e-9
         samples = math.ceil(duration_ns / _LOAD_SAMPLE_NS)
-        said = [self._machine.read(start_ns + round(duration_ns * sample / samples)) for sample in range(samples)]
+        readings = [self._machine.read(start_ns + round(duration_ns * sample / samples)) for sample in range(samples)]
         self.time_ns = end_ns
         reading = self._machine.read(end_ns)
         window = self._machine.window(start_s, (end_ns - START_NS) * 1e-9)
-        mean_n = math.fsum(one.force_n for one in said) / samples
-        gaged = [one.strain_gage for one in said if math.isfinite(one.strain_gage)]
-        mean_strain = math.fsum(gaged) / len(gaged) if gaged else math.nan
-        places_um = (reading.encoder_x_um, reading.encoder_y_um, reading.beam_x_um, reading.beam_y_um)
-        return ScannedFrame(frame, stop, start_s, start_ns, end_ns, window, mean_n, mean_strain, *places_um)
+        mean_n = math.fsum(sample.force_n for sample in readings) / samples
+        strains = [sample.strain_gage for sample in readings if math.isfinite(sample.strain_gage)]
+        mean_strain = math.fsum(strains) / len(strains) if strains else math.nan
+        positions_um = (reading.encoder_x_um, reading.encoder_y_um, reading.beam_x_um, reading.beam_y_um)
+        return ScannedFrame(frame, stop, start_s, start_ns, end_ns, window, mean_n, mean_strain, *positions_um)
 
 
-def _words(stop: ProtocolStep) -> str:
+def _name_of(stop: ProtocolStep) -> str:
     return f"shift {stop.shift_px[0]:g}, {stop.shift_px[1]:g} px" if stop.load_n is None else f"a load of {stop.load_n:g} N"
 
 
 def _protocol(scenario: Scenario) -> Protocol:
-    told: Any = scenario.experiment.get("protocol", {})
+    keys: Any = scenario.experiment.get("protocol", {})
     try:
-        return TypeAdapter(Protocol).validate_python(told)
+        return TypeAdapter(Protocol).validate_python(keys)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in ("experiment", "protocol", *first["loc"]))
-        raise BadScenario(f"scenario {scenario.name}: {place}: {first['msg']}; correct it") from error
+        key = ".".join(str(part) for part in ("experiment", "protocol", *first["loc"]))
+        raise BadScenario(f"scenario {scenario.name}: {key}: {first['msg']}; correct it") from error
 
 
 def _stops(protocol: Protocol) -> tuple[ProtocolStep, ...]:

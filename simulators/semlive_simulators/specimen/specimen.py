@@ -1,4 +1,4 @@
-"""The specimen: an elastic sheet, how it deforms, and how it has moved."""
+"""The specimen: an elastic sheet, its deformation and its motion."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from semlive_simulators.specimen.history import EMPTY_HISTORY, History
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
-    """A sheet pulled along image y.
+    """A sheet under tension along image y.
 
     Attributes:
         youngs_modulus_gpa: E.
         poissons_ratio: nu.
-        length_mm: between the grips.
-        area_mm2: cross-section.
-        shift_px_per_n: how far the field of view is carried along, (x, y) in px per N (one grip moves).
-        rotation_rad_per_n: how far it is turned, rad per N, x towards y positive.
+        length_mm: length between the grips, mm.
+        area_mm2: cross-section, mm2.
+        shift_px_per_n: shift of the field of view, (x, y) in px per N (one grip moves).
+        rotation_rad_per_n: rotation, rad per N, positive from x to y.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -35,7 +35,7 @@ class Specimen:
 
     @property
     def stiffness_n_mm(self) -> float:
-        """Force per elongation of the sheet between the grips."""
+        """Force per elongation of the sheet between the grips, N/mm."""
         return self.youngs_modulus_gpa * 1e3 * self.area_mm2 / self.length_mm
 
     def gradient(self, force_n: ArrayLike, yaw_rad: ArrayLike = 0.0) -> NDArray[np.float64]:
@@ -55,23 +55,23 @@ class Specimen:
         return gradient
 
     def shift_px(self, force_n: ArrayLike) -> NDArray[np.float64]:
-        """How far a force carries the centre of the field of view, (..., 2) in px."""
+        """Shift of the centre of the field of view by a force, (..., 2) in px."""
         return np.asarray(force_n, dtype=np.float64)[..., None] * np.asarray(self.shift_px_per_n)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """How the specimen lay under the column, sampled in time and straight in between.
+    """Position and deformation of the specimen, sampled in time and interpolated linearly.
 
-    A material point xi is seen (before drift and distortion) at xi + shift + gradient (xi - centre), centre being the centre
-    of the frame.
+    Without drift and distortion, a material point xi is imaged at xi + shift + gradient (xi - centre), where centre is the centre of the
+    frame.
 
     Attributes:
         time_s: (n,) seconds since the run began, increasing.
-        shift_px: (n, 2) motion of the material point in the centre.
+        shift_px: (n, 2) displacement of the material point in the centre, px.
         gradient: (n, 2, 2) displacement gradient.
-        load_n: (n,) true load; zero if it is not given.
-        history: load steps and moves up to now.
+        load_n: (n,) true load, N; None for zero load.
+        history: load steps and moves up to the end.
     """
 
     time_s: NDArray[np.float64]
@@ -88,7 +88,7 @@ class Motion:
             raise ValueError(f"time is {self.time_s.shape}, shift {self.shift_px.shape}, gradient {self.gradient.shape}")
 
     def at(self, time_s: NDArray[np.float64]) -> Motion:
-        """The same motion at other times; before the first and after the last sample it stands still."""
+        """The motion at other times; constant before the first and after the last sample."""
         shift = np.stack([np.interp(time_s, self.time_s, self.shift_px[:, axis]) for axis in range(2)], axis=-1)
         entries = [np.interp(time_s, self.time_s, self.gradient[:, i, j]) for i in range(2) for j in range(2)]
         return Motion(time_s, shift, np.stack(entries, axis=-1).reshape(-1, 2, 2), self.load_at(time_s), self.history)
@@ -104,6 +104,6 @@ def at_rest(
     load_n: float = 0.0,
     history: History = EMPTY_HISTORY,
 ) -> Motion:
-    """A specimen that does not move: shift (2,) in px, displacement gradient (2, 2), under a steady load."""
+    """A specimen that does not move: shift (2,) in px, displacement gradient (2, 2), under a constant load."""
     shift = np.asarray(shift_px, dtype=np.float64).reshape(1, 2)
     return Motion(np.zeros(1), shift, np.asarray(gradient, dtype=np.float64).reshape(1, 2, 2), np.array([load_n]), history)

@@ -1,4 +1,4 @@
-"""What moves the picture: the specimen stage, slow and not quite where it is told, and the beam's shift, quick but crooked."""
+"""Actuators that shift the image: the specimen stage, slow and with position errors, and the beam shift, fast and with scale errors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _X_STREAM, _Y_STREAM, _YAW_STREAM = 11, 12, 13
 
 
 class Actuator(StrEnum):
-    """What is moved."""
+    """Kind of an actuator."""
 
     STAGE = "stage"
     BEAM_SHIFT = "beam_shift"
@@ -22,18 +22,18 @@ class Actuator(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class StageParameters:
-    """What kind of stage it is.
+    """Parameters of a stage or of a beam shift.
 
     Attributes:
-        speed_um_s: of the motors.
-        travel_um: largest commanded position in either axis.
+        speed_um_s: speed of the motors, um/s.
+        travel_um: largest commanded position in each axis, um.
         scale_x: true motion per encoder motion along x.
-        scale_y: the same along y.
-        nonorthogonality_rad: how much less than 90 degrees lie between the axes.
-        backlash_um: what a motor turns before the table follows.
-        position_noise_um: standard deviation of where a move ends, which the encoder sees.
-        encoder_noise_um: standard deviation of one encoder reading.
-        yaw_rad: standard deviation of the table's yaw after a move, clipped at one and a half.
+        scale_y: true motion per encoder motion along y.
+        nonorthogonality_rad: 90 degrees minus the angle between the axes, rad.
+        backlash_um: motion of a motor before the table follows, um.
+        position_noise_um: standard deviation of the end of a move, which the encoder measures, um.
+        encoder_noise_um: standard deviation of one encoder reading, um.
+        yaw_rad: standard deviation of the yaw after a move, clipped at 1.5 standard deviations, rad.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -53,12 +53,12 @@ BEAM_SHIFT = StageParameters(
     speed_um_s=100.0, travel_um=50.0, scale_x=1.03, scale_y=0.96, nonorthogonality_rad=0.035, backlash_um=0.0,
     position_noise_um=0.005, encoder_noise_um=0.0, yaw_rad=0.0,
 )  # fmt: skip
-"""A beam shift: coils have no backlash and turn nothing, but their gains are percents off and their axes 2 degrees."""
+"""A typical beam shift: no backlash and no yaw, but errors of some percent in scale and 2 degrees in angle."""
 
 
 @dataclass(frozen=True, slots=True)
 class StageState:
-    """Where motors and table are, um."""
+    """State of motors and table; positions in um."""
 
     moving: bool = False
     move_count: int = 0
@@ -74,7 +74,7 @@ class StageState:
 
 
 def start_move(state: StageState, parameters: StageParameters, x_um: float, y_um: float, seed: int) -> StageState:
-    """Start a move; where it really ends and how the table yaws depends on the seed and the number of the move."""
+    """Start a move; its end position and yaw depend on the seed and the number of the move."""
     number = state.move_count + 1
     yaw = max(-1.5, min(1.5, gaussian(seed, _YAW_STREAM, number))) * parameters.yaw_rad
     return replace(
@@ -89,42 +89,42 @@ def start_move(state: StageState, parameters: StageParameters, x_um: float, y_um
 
 
 def stop(state: StageState) -> StageState:
-    """Stop where it is; also acknowledges a fault."""
+    """Stop; also acknowledges a fault."""
     return replace(state, moving=False, stalled=False)
 
 
 def stall(state: StageState) -> StageState:
-    """Something is in the way: it stops with a fault until the next order."""
+    """The state after an obstacle: stopped with a fault until the next order."""
     return replace(state, moving=False, stalled=True)
 
 
 def step(state: StageState, parameters: StageParameters, dt_s: float) -> StageState:
-    """The stage `dt_s` of experiment time later."""
+    """The state after a time step `dt_s`, s."""
     if not state.moving:
         return state
-    way_x, way_y = state.goal_x_um - state.motor_x_um, state.goal_y_um - state.motor_y_um
-    distance = math.hypot(way_x, way_y)
-    reach = parameters.speed_um_s * dt_s
-    part = 1.0 if distance <= reach else reach / distance
-    motor_x, motor_y = state.motor_x_um + part * way_x, state.motor_y_um + part * way_y
+    dx_um, dy_um = state.goal_x_um - state.motor_x_um, state.goal_y_um - state.motor_y_um
+    distance_um = math.hypot(dx_um, dy_um)
+    travel_um = parameters.speed_um_s * dt_s
+    fraction = 1.0 if distance_um <= travel_um else travel_um / distance_um
+    motor_x, motor_y = state.motor_x_um + fraction * dx_um, state.motor_y_um + fraction * dy_um
     return replace(
         state,
-        moving=part < 1.0,
+        moving=fraction < 1.0,
         motor_x_um=motor_x,
         motor_y_um=motor_y,
         table_x_um=_dragged(state.table_x_um, motor_x, parameters.backlash_um),
         table_y_um=_dragged(state.table_y_um, motor_y, parameters.backlash_um),
-        yaw_rad=state.yaw_rad + part * (state.goal_yaw_rad - state.yaw_rad),
+        yaw_rad=state.yaw_rad + fraction * (state.goal_yaw_rad - state.yaw_rad),
     )
 
 
 def _dragged(table_um: float, motor_um: float, backlash_um: float) -> float:
-    """A play operator: the table rests until the motor has taken up the slack."""
+    """A play operator: the table does not move until the motor has passed the backlash."""
     return max(motor_um - 0.5 * backlash_um, min(motor_um + 0.5 * backlash_um, table_um))
 
 
 def true_position_um(state: StageState, parameters: StageParameters) -> tuple[float, float]:
-    """Where the specimen is, (x, y) along the image axes."""
-    slant = parameters.nonorthogonality_rad
-    x = parameters.scale_x * state.table_x_um + parameters.scale_y * math.sin(slant) * state.table_y_um
-    return x, parameters.scale_y * math.cos(slant) * state.table_y_um
+    """True position of the specimen, (x, y) along the image axes, um."""
+    angle_rad = parameters.nonorthogonality_rad
+    x = parameters.scale_x * state.table_x_um + parameters.scale_y * math.sin(angle_rad) * state.table_y_um
+    return x, parameters.scale_y * math.cos(angle_rad) * state.table_y_um

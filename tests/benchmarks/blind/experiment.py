@@ -198,7 +198,7 @@ class OfColumn:
         """That of a world whose scan is alike at all times."""
         scan = world.column.scan
         bent = world.column.effects.deflection(Instants(np.zeros(1), 0.0, 0, scan, at_rest((0.0, 0.0), np.zeros((2, 2)))))
-        return cls(world.distortion, scan.turn if bent is None else scan.turn @ (np.eye(2) - bent[0]))
+        return cls(world.distortion, scan.rotation if bent is None else scan.rotation @ (np.eye(2) - bent[0]))
 
     def at(self, x_px: Field, y_px: Field, width_px: int, height_px: int) -> Field:
         """(..., 2) px at scan addresses, along the scan's axes."""
@@ -250,7 +250,7 @@ def address(world: World, material: Field, frame: int, motion: Motion, near: Fie
 
 def _by_scan(world: World, moved: Field) -> Field:
     """Displacements (..., 2) along the column's axes, along those of the scan."""
-    return moved @ world.column.scan.turn if world.column.scan.rotation_rad else moved
+    return moved @ world.column.scan.rotation if world.column.scan.rotation_rad else moved
 
 
 def seen_at(world: World, at: Field, frame: int, motion: Motion) -> Field:

@@ -9,17 +9,17 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
 PEERS = ROOT.parent / "shared" / "peers"
-"""Where the source of the independent frame lies, beside the repository."""
+"""Folder of the source of the independent frame, next to the repository by default."""
 _INSTALL = "on Debian: apt install gcc libmodbus-dev"
 _HEADERS = Path("/usr/include/modbus")
 
 
 class CannotBuild(Exception):
-    """The independent frame cannot be built; the message is one sentence."""
+    """The independent frame cannot be built; the message states why."""
 
 
 def missing_tool(peers: Path) -> str | None:
-    """Why the independent frame cannot be built here, as one sentence; None if it can."""
+    """Why the independent frame cannot be built here, as a message; None if it can."""
     if not (peers / "frame.c").is_file():
         return f"{peers / 'frame.c'} does not exist; give the folder of the independent load frame with --peers"
     if shutil.which("gcc") is None:
@@ -30,7 +30,7 @@ def missing_tool(peers: Path) -> str | None:
 
 
 def _flags() -> list[str] | None:
-    """What the compiler needs for libmodbus; None where it is not installed."""
+    """Compiler options for libmodbus; None if it is not installed."""
     if shutil.which("pkg-config") is not None:
         found = subprocess.run(["pkg-config", "--cflags", "--libs", "libmodbus"], capture_output=True, text=True, check=False)
         if found.returncode == 0:

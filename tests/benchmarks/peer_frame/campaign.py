@@ -1,4 +1,4 @@
-"""Choosing scenarios, and carrying each out beside its device."""
+"""Selection of scenarios, and execution of each with its device."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAP_DEVICE = Path(__file__).with_name("map_device.py")
 
 
 def chosen(only: Sequence[str], short: bool, healthy: int | None) -> tuple[Scenario, ...]:
-    """The scenarios that are asked for.
+    """The requested scenarios.
 
     Args:
         only: begins of names; empty: all.
@@ -54,7 +54,7 @@ class Campaign:
         self._frame = None if peers is None else build(peers, folder)
 
     def judged(self, scenario: Scenario) -> Verdict:
-        """Carry out a scenario, unless it stands in the file, and judge it; a trial that cannot be carried out is a failed one."""
+        """Carry out a scenario, unless the file contains its result, and judge it; a trial that cannot be carried out counts as failed."""
         if scenario.name in self._known:
             return judge(scenario, self._known[scenario.name])
 
@@ -67,10 +67,10 @@ class Campaign:
             return [sys.executable, str(SECOND), str(port), str(log), *options]
 
         try:
-            seen = carry_out(scenario, command, self._folder / scenario.name, self._peers)
+            observed = carry_out(scenario, command, self._folder / scenario.name, self._peers)
             if self._found is not None:
-                keep(self._found, scenario.name, seen)
-            return judge(scenario, seen)
+                keep(self._found, scenario.name, observed)
+            return judge(scenario, observed)
         except Exception as error:
             sys.stderr.write("".join(traceback.format_exception(error)))
             return Verdict(scenario, None, (f"the trial was not carried out: {type(error).__name__}: {error}",))

@@ -79,7 +79,7 @@ class Device:
         return Reading(float(words[0]), float(words[1]), float(words[2]), int(words[3]) != 0)
 
     def registers(self) -> dict[str, str]:
-        """Values that the device tells by name after its state; none if it does not answer within 5 s."""
+        """Named values that the device reports after its state; none if it does not answer within 5 s."""
         words = list[str]()
         with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
             udp.settimeout(5.0)

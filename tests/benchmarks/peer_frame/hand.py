@@ -27,13 +27,13 @@ class Hand:
         self._begin: tuple[float, str] | None = None
         self._stationary_s: float | None = None
 
-    def follow(self, text: str, device: Device, say: Callable[[str], None]) -> None:
+    def follow(self, text: str, device: Device, enter: Callable[[str], None]) -> None:
         """Act on what the terminal shows so far.
 
         Args:
             text: all output of the daemon, on one line.
             device: the machine.
-            say: types a line at the terminal.
+            enter: enters a line at the terminal.
         """
         now_s = time.monotonic()
         requests = list(_REQUEST.finditer(text))
@@ -48,14 +48,14 @@ class Hand:
             device.switch(self._begin[1])
             self._begin, self._stationary_s = None, now_s + _STATIONARY_S
         if self._types and self._stationary_s is not None:
-            self._type(now_s, device, say)
+            self._type(now_s, device, enter)
 
-    def _type(self, now_s: float, device: Device, say: Callable[[str], None]) -> None:
+    def _type(self, now_s: float, device: Device, enter: Callable[[str], None]) -> None:
         state = device.state()
         if state is None or self._stationary_s is None:
             return
         if state.moving:
             self._stationary_s = now_s + _STATIONARY_S
         elif now_s >= self._stationary_s:
-            say(f"{state.force_n:.1f}")
+            enter(f"{state.force_n:.1f}")
             self._stationary_s = None

@@ -9,10 +9,10 @@ from pathlib import Path
 from .scenario import Fault, Observed
 
 
-def keep(path: Path, name: str, seen: Observed) -> None:
+def keep(path: Path, name: str, observed: Observed) -> None:
     """Add what was observed in a scenario to a file, one JSON object a line."""
     with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps({"scenario": name, **asdict(seen)}) + "\n")
+        file.write(json.dumps({"scenario": name, **asdict(observed)}) + "\n")
 
 
 def kept(path: Path | None) -> dict[str, Observed]:

@@ -83,7 +83,7 @@ class Daemon:
 
 @dataclass
 class Follower:
-    """What the run's log tells while it grows; instants are those of reading, CLOCK_MONOTONIC in s."""
+    """Content of the log of the run while it grows; instants are those of reading, CLOCK_MONOTONIC in s."""
 
     log: Path
     tail: LogTail | None = None
@@ -100,11 +100,11 @@ class Follower:
         try:
             for message in self.tail.poll():
                 if message.topic == "/state":
-                    told = json.loads(message.payload)
-                    self.states.append((told["after"], told["step"], time.monotonic()))
+                    fields = json.loads(message.payload)
+                    self.states.append((fields["after"], fields["step"], time.monotonic()))
                 elif message.topic == "/fault":
-                    told = json.loads(message.payload)
-                    self.faults.append(Fault(told["time_ns"], told.get("code", ""), told["what"], told["action"]))
+                    fields = json.loads(message.payload)
+                    self.faults.append(Fault(fields["time_ns"], fields.get("code", ""), fields["what"], fields["action"]))
                 elif message.topic == "/pair":
                     self.loaded_pairs += json.loads(message.payload)["step"]["phase"] == "tension"
         except SemliveError:
@@ -179,7 +179,7 @@ class Trial:
         while acts and not acts[0].when.state:
             self._perform(acts.pop(0))
         self.restart()
-        last_act_s, fault_seen_s = time.monotonic(), None
+        last_act_s, fault_detected_s = time.monotonic(), None
         longest_s = _REFUSES_WITHIN_S if self.scenario.expected.ending is Ending.REFUSED else _TRIAL_MAX_S
         watch_s = math.inf if self.scenario.expected.ending in _RUNS_ON else self.scenario.watch_s
         while True:
@@ -192,22 +192,22 @@ class Trial:
                 last_act_s = now_s
             if acts and self._is_due(acts[0].when):
                 self._perform(acts.pop(0))
-                last_act_s, fault_seen_s = now_s, None
-            if self.follower.state in _WAITING and fault_seen_s is None:
-                fault_seen_s = now_s
+                last_act_s, fault_detected_s = now_s, None
+            if self.follower.state in _WAITING and fault_detected_s is None:
+                fault_detected_s = now_s
             ended = self.daemon.process.poll() is not None
-            watched = fault_seen_s is not None and now_s > fault_seen_s + self.scenario.linger_s
+            watched = fault_detected_s is not None and now_s > fault_detected_s + self.scenario.linger_s
             watched |= self.fault_s is not None and now_s > last_act_s + watch_s
             watched &= self.follower.state not in _OVER
             if ended or (watched and not acts) or now_s > self.begun_s + longest_s:
                 break
-            if acts and fault_seen_s is not None and now_s > fault_seen_s + self.scenario.linger_s + _LATE_ACT_S:
+            if acts and fault_detected_s is not None and now_s > fault_detected_s + self.scenario.linger_s + _LATE_ACT_S:
                 break  # a fault came before an act whose instant cannot come any more
             time.sleep(0.01)
         return self._observed()
 
     def _is_starting(self, now_s: float) -> bool:
-        """The daemon has not come to its first decision yet; on a busy computer that takes as long as a whole scenario."""
+        """The daemon has not come to its first decision yet; on a busy computer that takes as long as a complete scenario."""
         new = self.follower.states[self._states_before :]
         return now_s < self.daemon.started_s + _STARTS_WITHIN_S and all(state == "connecting" for state, _, _ in new)
 
@@ -235,7 +235,7 @@ class Trial:
         now_s = time.monotonic()
         second = self.second
         if second is not None and second.process.poll() is None and now_s < second.started_s + _STARTS_WITHIN_S:
-            return  # the first run goes on for as long as the second may take to come to its refusal
+            return  # the first run continues for the time in which the second may be refused
         if now_s > self.follower.states[-1][2] + self.scenario.frames_after_s and now_s > self._frame_s + _FRAME_EVERY_S:
             self._writer.write()
             self._frame_s = now_s
@@ -291,7 +291,7 @@ def _second(trial: Trial, loads: str) -> None:
 
 
 def _same(trial: Trial, options: str) -> None:
-    """Start the same run again beside the first."""
+    """Start the same run again while the first one runs."""
     trial.second = trial.start(*options.split())
 
 
@@ -307,7 +307,7 @@ def _order(trial: Trial, words: str) -> None:
 
 
 def _delete(trial: Trial, _: str) -> None:
-    """Delete the folder of the run, and start the same configuration again beside it."""
+    """Delete the folder of the run, and start the same configuration again while it runs."""
     shutil.rmtree(trial.log)
     trial.second = trial.start()
 
@@ -321,7 +321,7 @@ ACTIONS: dict[str, Callable[[Trial, str], None]] = {
     "order": _order,
     "delete": _delete,
 }
-"""Actions on the daemon, by the first word of a command that begins with ``!``."""
+"""Actions on the daemon, by the name of a command that begins with ``!``."""
 
 
 def carry_out(scenario: Scenario, command: Callable[[int, Path], list[str]], folder: Path, peers: Path) -> Observed:

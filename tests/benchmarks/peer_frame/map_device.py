@@ -79,7 +79,7 @@ class MapDevice(Server):
         file = (self.folder / "load.csv").open("w", encoding="utf-8") if self.writes_file else None
         if file is not None:
             file.write("Time (s),Force (N),Extension (mm)\n")
-        begun_s, row_s = time.monotonic(), 0.0
+        start_s, row_s = time.monotonic(), 0.0
         while True:
             await asyncio.sleep(_STEP_S)
             if what := self.machine.advance():
@@ -89,7 +89,7 @@ class MapDevice(Server):
             now_s = time.monotonic()
             if file is not None and now_s > row_s + _ROW_S and not self.machine.switches.hole:
                 shown, row_s = self.machine.shown(), now_s
-                file.write(f"{now_s - begun_s:.3f},{shown.force_n:.3f},{shown.extension_mm:.5f}\n")
+                file.write(f"{now_s - start_s:.3f},{shown.force_n:.3f},{shown.extension_mm:.5f}\n")
                 file.flush()
 
 

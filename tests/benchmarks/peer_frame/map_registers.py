@@ -28,8 +28,8 @@ class BenchRegisters(UnitRegisters):
         shown = self.machine.shown()
         state = FAULT if self._expired else shown.state
         words = [0x5E31, 1, 2, state, *f32(shown.force_n), *f32(shown.extension_mm), *f32(shown.target_n), *u32(shown.counter)]
-        known = dict(enumerate([*words, *f32(0.0), *f32(self.OVERLOAD_N)]))
-        return known | {300: 2 if self._expired else 0}
+        registers = dict(enumerate([*words, *f32(0.0), *f32(self.OVERLOAD_N)]))
+        return registers | {300: 2 if self._expired else 0}
 
     def is_stop(self, new: Mapping[int, int]) -> bool:
         """Command 2 of load control or of displacement control."""

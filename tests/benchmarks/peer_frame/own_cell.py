@@ -1,4 +1,4 @@
-"""Own scenarios: cells, extensometers, states and counters of the second frame that tell something wrong, in a ramp."""
+"""Own scenarios: cells, extensometers, states and counters of the second frame with wrong values, in a ramp."""
 
 from __future__ import annotations
 

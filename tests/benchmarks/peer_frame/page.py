@@ -17,37 +17,37 @@ _COLUMNS = ("scenario", "what happened", "must", "true peak, N", "stop on the wi
 
 def line(verdict: Verdict) -> str:
     """A scenario in a line of the terminal."""
-    seen, name = verdict.observed, verdict.scenario.name
+    observed, name = verdict.observed, verdict.scenario.name
     mark = "pass" if verdict.passed else "FAIL"
-    if seen is None:
+    if observed is None:
         return f"{mark} {name:34} {verdict.failings[0]}"
     why = "; ".join((*verdict.failings, *(f"note: {note}" for note in verdict.notes)))
-    figures = f"peak {seen.peak_n:6.1f} N, stop {stop_time(verdict):>7}, {len(seen.stops_s):3} stops, code {_code(verdict)}"
-    ending = f"exit {seen.exit_code}, pairs {seen.loaded_pairs}, {seen.wall_s:4.1f} s"
+    figures = f"peak {observed.peak_n:6.1f} N, stop {stop_time(verdict):>7}, {len(observed.stops_s):3} stops, code {_code(verdict)}"
+    ending = f"exit {observed.exit_code}, pairs {observed.loaded_pairs}, {observed.wall_s:4.1f} s"
     return f"{mark} {name:34} {figures}, {ending} | {why or 'as it must be'} | {operator_text(verdict)[:200]}"
 
 
 def stop_time(verdict: Verdict) -> str:
     """From the violation, the loss or the fault to the first stop order on the wire; ``-`` where none is needed."""
-    seen, must = verdict.observed, verdict.scenario.expected
-    if seen is None or seen.instant_s is None or must.stop_within_s is None:
+    observed, must = verdict.observed, verdict.scenario.expected
+    if observed is None or observed.instant_s is None or must.stop_within_s is None:
         return "-"
-    return "none" if seen.stop_after_s is None else f"{seen.stop_after_s:.2f} s"
+    return "none" if observed.stop_after_s is None else f"{observed.stop_after_s:.2f} s"
 
 
 def _code(verdict: Verdict) -> str:
-    seen = verdict.observed
-    return "-" if seen is None or not seen.faults else seen.faults[0].code or "empty"
+    observed = verdict.observed
+    return "-" if observed is None or not observed.faults else observed.faults[0].code or "empty"
 
 
 def operator_text(verdict: Verdict) -> str:
-    """What the operator was told: the first fault, or else what was printed last; paths and addresses are shortened."""
-    seen = verdict.observed
-    if seen is None:
+    """Message to the operator: the first fault, or else the last output; paths and addresses are shortened."""
+    observed = verdict.observed
+    if observed is None:
         return ""
-    text = seen.faults[0].what if seen.faults else seen.said[-220:]
-    if not seen.faults and (seen.exit_code == 2 or "second run" in seen.second):
-        text = seen.second or seen.said[-300:]
+    text = observed.faults[0].what if observed.faults else observed.said[-220:]
+    if not observed.faults and (observed.exit_code == 2 or "second run" in observed.second):
+        text = observed.second or observed.said[-300:]
     text = re.sub(r"/\S*/", "", text)
     return " ".join(re.sub(r"127\.0\.0\.1:\d+", "the device", text).split())
 
@@ -78,8 +78,8 @@ def _cell(text: str) -> str:
 
 
 def _row(verdict: Verdict) -> str:
-    one, seen = verdict.scenario, verdict.observed
-    peak = "" if seen is None else f"{seen.peak_n:.0f}"
+    one, observed = verdict.scenario, verdict.observed
+    peak = "" if observed is None else f"{observed.peak_n:.0f}"
     found = "as it must be" if verdict.passed else f"**failed**: {'; '.join(verdict.failings)}"
     cells = (one.name, one.what, one.must, peak, stop_time(verdict), _code(verdict), operator_text(verdict)[:220], found)
     return f"| {' | '.join(_cell(cell) for cell in cells)} |"
@@ -99,14 +99,14 @@ def _healthy(verdicts: Sequence[Verdict]) -> Iterator[str]:
 
 def _circumstances(verdicts: Sequence[Verdict]) -> str:
     """How many processors there were, how busy they were at the end, and how long a trial took."""
-    seen = [one.observed for one in verdicts if one.observed is not None]
-    walls, starts = ([getattr(one, name) for one in seen] or [0.0] for name in ("wall_s", "start_s"))
+    observed = [one.observed for one in verdicts if one.observed is not None]
+    walls, starts = ([getattr(one, name) for one in observed] or [0.0] for name in ("wall_s", "start_s"))
     computer = f"{os.cpu_count()} processors, load average {os.getloadavg()[0]:.1f}"
     return f"({computer}; a trial took {median(walls):.0f} s, of which the start of the daemon {median(starts):.0f} s, in the median):"
 
 
 def _between(text: str, mark: str, new: str) -> str:
-    """Replace what stands between two marks."""
+    """Replace the text between two marks."""
     head, begin, rest = text.partition(f"<!-- {mark} -->\n")
     _, end, tail = rest.partition(f"\n<!-- end of {mark} -->")
     if not (begin and end):

@@ -90,7 +90,7 @@ class Act:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What must happen.
+    """The required reaction.
 
     Attributes:
         ending: how the run ends.
@@ -99,13 +99,13 @@ class Expected:
         timed: the time to the stop counts in the bar for a violation or a loss.
         codes: fault codes that fit; others are noted, not failed.
         peak_n: largest true force, N; None: the device does not obey, so the force is not bounded by any order.
-        repeats: stop orders have to go on as long as it moves.
-        says: what the operator has to be told, as a regular expression; empty: anything.
+        repeats: stop orders have to continue as long as it moves.
+        says: required message to the operator, as a regular expression; empty: any message.
         loaded_pairs: pairs under load that are accepted.
         unloads: the plan takes load off.
         no_orders: no motion may be ordered after the fault.
         final_n: loads at which it may be at the end, within `TOLERANCE_N`; empty: anywhere.
-        registers: values that the device must tell at the end, such as ``r11``.
+        registers: values that the device must report at the end, such as ``r11``.
     """
 
     ending: Ending = Ending.FAULT
@@ -128,9 +128,9 @@ class Scenario:
     """One trial.
 
     Attributes:
-        name: unique, a few words with dashes.
+        name: unique, with dashes.
         what: what the device or its surroundings do, for the table.
-        must: what must happen, in words.
+        must: the required reaction, as a text.
         expected: the same, to be checked.
         acts: what is done, in order.
         map: description of the device: a file of the peer's folder, or one of this package.
@@ -202,14 +202,14 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """What was seen in a scenario; instants are CLOCK_MONOTONIC in s.
+    """Observation of a scenario; instants are CLOCK_MONOTONIC in s.
 
     Attributes:
         fault_s: when the fault was injected; None: none was.
         ended_s: when the trial ended it from outside, or it had ended by itself.
-        by_itself: the daemon ended before it was told to.
+        by_itself: the daemon ended without a request.
         exit_code: of the daemon; None if it had to be killed.
-        said: what it printed, on one line.
+        said: its output, on one line.
         faults: `/fault` messages.
         states: states in order.
         loaded_pairs: accepted pairs under load.
@@ -219,10 +219,10 @@ class Observed:
         stops_s: stop orders on the wire after that instant.
         silence_s: longest time without a further stop order while it moved, s.
         rested: it rested at the end.
-        unloadings: orders that would take load off, in words.
+        unloadings: orders that would take load off, as texts.
         orders: motions ordered after the fault.
         moved: any motion was ordered at all.
-        registers: what the device told of its registers at the end.
+        registers: values of registers that the device reported at the end.
         second: exit code and text of a second daemon, if there was one.
         asked: the run waited for the operator, paused or in recover, after the fault.
         wall_s: how long the trial took, s.

@@ -68,9 +68,9 @@ class Switches:
     """Faults; 0 is off. Forces in N, times in s.
 
     Attributes:
-        freeze: the reading of the force stands still, without noise.
+        freeze: the reading of the force is constant, without noise.
         freezeat: the same from this true force on.
-        noisyfreeze: it stands still with its noise on top.
+        noisyfreeze: the reading is constant except for noise.
         clip: the true force is clipped there, noise is added after.
         sticky: the reading is cut down to a multiple of this.
         flip: the sign of the reading turns within this time.
@@ -79,18 +79,18 @@ class Switches:
         jump: is added to the reading.
         spike: so many readings are 10,000 N.
         nan, inf: the reading is none.
-        late: the register tells the force as it was so long ago.
-        efreeze: the extension stands still.
+        late: delay of the force in its register, s.
+        efreeze: the extension is constant.
         ejump: is added to the extension, mm.
-        stuckmoving, stuckstill: what the state says whatever happens.
+        stuckmoving, stuckstill: constant value of the state.
         ratex: motion is so many times as fast.
         targetx: a ramp goes to so many times its target.
         runaway: a ramp does not end.
         wrongway: motion in the other direction.
-        jam: no motion, although the state says so.
+        jam: no motion, although the state is moving.
         roundtarget: targets are rounded to a multiple of this.
         hiddentarget: the machine goes to this load, and the registers do not show it.
-        countback, countstop: the counter of readings goes back, or stands.
+        countback, countstop: the counter of readings decreases, or stops.
         swap: bytes of input registers are swapped.
         stopdelay: a stop is obeyed so much later.
         ignorestop: so many stop orders are not obeyed.
@@ -161,7 +161,7 @@ class Switches:
 
 @dataclass(frozen=True)
 class Shown:
-    """What the registers tell."""
+    """Values of the registers."""
 
     state: int
     force_n: float
@@ -385,7 +385,7 @@ class Machine:
         return force_n + s.jump
 
     def shown(self) -> Shown:
-        """What the registers tell now."""
+        """Present values of the registers."""
         s, one, now_s = self.switches, self.character, time.monotonic()
         if now_s >= self._value[0] + one.cell_s:
             force_n = self._spoilt(self._filtered_n) + one.drift_n_s * (now_s - self._born_s)

@@ -48,7 +48,7 @@ class Reading:
 
 
 def read_log(path: Path) -> list[Entry]:
-    """Every whole line of a device's log."""
+    """Every complete line of the log of a device."""
     text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
     found = [match for line in text.splitlines() if (match := _LINE.match(line))]
     return [
@@ -87,12 +87,12 @@ def unloadings(entries: list[Entry], stiffness_n_mm: float, tolerance_n: float) 
 
 def without_foreign(entries: list[Entry], foreign: list[tuple[float, int]]) -> list[Entry]:
     """The log without what another master ordered: instants, and 1 for a ramp, 2 for a stop."""
-    kept = list(entries)
+    retained = list(entries)
     for at_s, command in foreign:
-        found = (one for one in kept if one.at_s >= at_s and (one.is_stop_request if command == 2 else _RAMP.match(one.what)))
+        found = (one for one in retained if one.at_s >= at_s and (one.is_stop_request if command == 2 else _RAMP.match(one.what)))
         if (own := next(found, None)) is not None:
-            kept.remove(own)
-    return kept
+            retained.remove(own)
+    return retained
 
 
 def motion_orders(entries: list[Entry], since_s: float) -> list[Entry]:

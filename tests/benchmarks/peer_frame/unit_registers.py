@@ -63,10 +63,10 @@ class UnitRegisters:
                 switches.busy -= 1
                 return bytes([function | 0x80, 6])
             count = struct.unpack(">H", pdu[3:5])[0]
-            known = self.inputs() if function == 4 else self.readable()
-            if any(address not in known for address in range(first, first + count)):
+            registers = self.inputs() if function == 4 else self.readable()
+            if any(address not in registers for address in range(first, first + count)):
                 return bytes([function | 0x80, 2])
-            words = [known[address] for address in range(first, first + count)]
+            words = [registers[address] for address in range(first, first + count)]
             if switches.swap and function == 4:
                 words = [(word & 0xFF) << 8 | word >> 8 for word in words]
             return bytes([function, 2 * count]) + struct.pack(f">{count}H", *words)

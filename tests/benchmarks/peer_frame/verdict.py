@@ -36,101 +36,101 @@ class Verdict:
         return not self.failings
 
 
-def judge(scenario: Scenario, seen: Observed) -> Verdict:
+def judge(scenario: Scenario, observed: Observed) -> Verdict:
     """Compare what was seen with what must happen."""
-    failings = (*_ending(scenario, seen), *_stop(scenario, seen), *_load(scenario, seen), *_message(scenario, seen))
-    return Verdict(scenario, seen, tuple(failings), tuple(_notes(scenario, seen)))
+    failings = (*_ending(scenario, observed), *_stop(scenario, observed), *_load(scenario, observed), *_message(scenario, observed))
+    return Verdict(scenario, observed, tuple(failings), tuple(_notes(scenario, observed)))
 
 
-def _ending(scenario: Scenario, seen: Observed) -> Iterator[str]:
+def _ending(scenario: Scenario, observed: Observed) -> Iterator[str]:
     must = scenario.expected
     match must.ending:
         case Ending.COMPLETE:
-            if seen.exit_code != 0:
-                yield f"did not complete (exit status {seen.exit_code})"
-            if seen.faults:
-                yield f"{len(seen.faults)} faults"
+            if observed.exit_code != 0:
+                yield f"did not complete (exit status {observed.exit_code})"
+            if observed.faults:
+                yield f"{len(observed.faults)} faults"
         case Ending.FAULT:
-            if not seen.faults:
+            if not observed.faults:
                 yield "no /fault"
-            elif not seen.faults[0].code:
+            elif not observed.faults[0].code:
                 yield "/fault without a code"
-            if seen.exit_code == 0:
+            if observed.exit_code == 0:
                 yield "run complete, exit status 0"
         case Ending.REFUSED:
-            if seen.moved:
+            if observed.moved:
                 yield "motion was ordered"
-            if seen.exit_code not in (1, 2):
-                yield f"not refused (exit status {seen.exit_code})"
-            elif seen.exit_code == 1 and not seen.faults:
+            if observed.exit_code not in (1, 2):
+                yield f"not refused (exit status {observed.exit_code})"
+            elif observed.exit_code == 1 and not observed.faults:
                 yield "ended without a /fault"
-            elif seen.exit_code == 1 and not seen.faults[0].code:
+            elif observed.exit_code == 1 and not observed.faults[0].code:
                 yield "/fault without a code"
         case Ending.ASKED:
-            if not (seen.asked or seen.faults or seen.exit_code == 2):
+            if not (observed.asked or observed.faults or observed.exit_code == 2):
                 yield "the operator was not asked"
         case Ending.RECOVERED:
-            if not seen.faults:
+            if not observed.faults:
                 yield "no /fault"
-            if seen.exit_code != 0:
-                yield f"did not complete after the operator resumed (exit status {seen.exit_code})"
+            if observed.exit_code != 0:
+                yield f"did not complete after the operator resumed (exit status {observed.exit_code})"
         case Ending.STOPPED:
-            if seen.exit_code == 0:
+            if observed.exit_code == 0:
                 yield "run complete, exit status 0"
         case Ending.SAFE:
             pass
-    if seen.exit_code is None:
+    if observed.exit_code is None:
         yield "had to be killed"
-    if "Traceback" in seen.said:
+    if "Traceback" in observed.said:
         yield "a traceback reached the terminal"
-    if "semlive itself failed" in seen.said:
+    if "semlive itself failed" in observed.said:
         yield "ended with an internal error"
 
 
-def _stop(scenario: Scenario, seen: Observed) -> Iterator[str]:
+def _stop(scenario: Scenario, observed: Observed) -> Iterator[str]:
     must = scenario.expected
-    if must.stop_within_s is not None and must.ending in _STOPS and seen.instant_s is not None:
-        if seen.stop_after_s is None:
+    if must.stop_within_s is not None and must.ending in _STOPS and observed.instant_s is not None:
+        if observed.stop_after_s is None:
             yield "no stop order"
-        elif seen.stop_after_s > must.stop_within_s:
-            yield f"stop order after {seen.stop_after_s:.2f} s, {must.stop_within_s:g} s are allowed"
-        if seen.silence_s > REPEAT_S:
-            yield f"moved for {seen.silence_s:.1f} s without a further stop order"
-    if must.no_orders and must.ending in (Ending.FAULT, Ending.ASKED, Ending.STOPPED) and _orders_after(scenario, seen):
-        yield f"{seen.orders} motions ordered after the fault"
+        elif observed.stop_after_s > must.stop_within_s:
+            yield f"stop order after {observed.stop_after_s:.2f} s, {must.stop_within_s:g} s are allowed"
+        if observed.silence_s > REPEAT_S:
+            yield f"moved for {observed.silence_s:.1f} s without a further stop order"
+    if must.no_orders and must.ending in (Ending.FAULT, Ending.ASKED, Ending.STOPPED) and _orders_after(scenario, observed):
+        yield f"{observed.orders} motions ordered after the fault"
 
 
-def _orders_after(scenario: Scenario, seen: Observed) -> bool:
-    # A displacement drive is moved by short travels, which go on until the fault is found.
-    return seen.orders > 0 and not scenario.is_displacement
+def _orders_after(scenario: Scenario, observed: Observed) -> bool:
+    # A displacement drive is moved by short jogs, which continue until the fault is detected.
+    return observed.orders > 0 and not scenario.is_displacement
 
 
-def _load(scenario: Scenario, seen: Observed) -> Iterator[str]:
+def _load(scenario: Scenario, observed: Observed) -> Iterator[str]:
     must = scenario.expected
-    if must.peak_n is not None and seen.peak_n > must.peak_n:
-        yield f"peak {seen.peak_n:.0f} N, {must.peak_n:.0f} N are allowed"
-    if seen.unloadings and not must.unloads:
-        yield f"ordered to unload: {seen.unloadings[0]}"
-    if must.loaded_pairs is not None and seen.loaded_pairs != must.loaded_pairs:
-        yield f"{seen.loaded_pairs} pairs under load accepted, {must.loaded_pairs} expected"
-    if must.final_n and not any(abs(seen.final_n - load_n) <= TOLERANCE_N for load_n in must.final_n):
-        yield f"{seen.final_n:.0f} N at the end, {' or '.join(f'{load_n:g}' for load_n in must.final_n)} N expected"
-    wrong = {name: seen.registers.get(name) for name, value in must.registers.items() if seen.registers.get(name) != value}
+    if must.peak_n is not None and observed.peak_n > must.peak_n:
+        yield f"peak {observed.peak_n:.0f} N, {must.peak_n:.0f} N are allowed"
+    if observed.unloadings and not must.unloads:
+        yield f"ordered to unload: {observed.unloadings[0]}"
+    if must.loaded_pairs is not None and observed.loaded_pairs != must.loaded_pairs:
+        yield f"{observed.loaded_pairs} pairs under load accepted, {must.loaded_pairs} expected"
+    if must.final_n and not any(abs(observed.final_n - load_n) <= TOLERANCE_N for load_n in must.final_n):
+        yield f"{observed.final_n:.0f} N at the end, {' or '.join(f'{load_n:g}' for load_n in must.final_n)} N expected"
+    wrong = {name: observed.registers.get(name) for name, value in must.registers.items() if observed.registers.get(name) != value}
     if wrong:
         yield f"registers of the maker changed: {wrong}"
 
 
-def _message(scenario: Scenario, seen: Observed) -> Iterator[str]:
-    said = f"{seen.said} {seen.second} {' '.join(one.what + ' ' + one.action for one in seen.faults)}"
-    if scenario.expected.says and not re.search(scenario.expected.says, said, re.IGNORECASE):
-        yield f"the operator is not told '{scenario.expected.says}'"
+def _message(scenario: Scenario, observed: Observed) -> Iterator[str]:
+    messages = f"{observed.said} {observed.second} {' '.join(one.what + ' ' + one.action for one in observed.faults)}"
+    if scenario.expected.says and not re.search(scenario.expected.says, messages, re.IGNORECASE):
+        yield f"no message to the operator matches '{scenario.expected.says}'"
 
 
-def _notes(scenario: Scenario, seen: Observed) -> Iterator[str]:
+def _notes(scenario: Scenario, observed: Observed) -> Iterator[str]:
     codes = [str(code) for code in scenario.expected.codes]
-    if seen.faults and codes and seen.faults[0].code not in codes:
-        yield f"code {seen.faults[0].code or 'empty'}, {' or '.join(codes)} was expected"
-    if scenario.expected.stop_within_s is not None and seen.instant_s is None and not scenario.is_healthy:
+    if observed.faults and codes and observed.faults[0].code not in codes:
+        yield f"code {observed.faults[0].code or 'empty'}, {' or '.join(codes)} was expected"
+    if scenario.expected.stop_within_s is not None and observed.instant_s is None and not scenario.is_healthy:
         yield "the instant from which the stop is timed did not come"
 
 
@@ -178,9 +178,9 @@ def figures(verdicts: Sequence[Verdict]) -> Bars:
     """Figures over a campaign."""
     trials = [one for one in verdicts if not one.scenario.is_healthy]
     healthy = [one for one in verdicts if one.scenario.is_healthy]
-    seen = [(one.scenario, one.observed) for one in trials if one.observed is not None]
-    bounded = [(scenario, found) for scenario, found in seen if scenario.expected.peak_n is not None]
-    timed = [(scenario, found) for scenario, found in seen if scenario.expected.timed and found.instant_s is not None]
+    observed = [(one.scenario, one.observed) for one in trials if one.observed is not None]
+    bounded = [(scenario, found) for scenario, found in observed if scenario.expected.peak_n is not None]
+    timed = [(scenario, found) for scenario, found in observed if scenario.expected.timed and found.instant_s is not None]
     times = sorted(found.stop_after_s for _, found in timed if found.stop_after_s is not None)
     return Bars(
         trials=len(trials),
@@ -188,9 +188,11 @@ def figures(verdicts: Sequence[Verdict]) -> Bars:
         broken=sum(one.observed is None for one in verdicts),
         worst_peak_n=max((found.peak_n for _, found in bounded), default=0.0),
         over_peak=tuple(scenario.name for scenario, found in bounded if found.peak_n > (scenario.expected.peak_n or math.inf)),
-        unloading=tuple(scenario.name for scenario, found in seen if found.unloadings and not scenario.expected.unloads),
+        unloading=tuple(scenario.name for scenario, found in observed if found.unloadings and not scenario.expected.unloads),
         silent=tuple(
-            scenario.name for scenario, found in seen if scenario.expected.ending in (Ending.FAULT, Ending.RECOVERED) and not found.faults
+            scenario.name
+            for scenario, found in observed
+            if scenario.expected.ending in (Ending.FAULT, Ending.RECOVERED) and not found.faults
         ),
         stops=len(times),
         p50_s=_quantile(times, 0.5),

@@ -141,8 +141,8 @@ def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0
         yield path
     finally:
         # The system soon gives this path to another line, which owes nothing of what was written to this one.
-        for key in [key for key in serial_port._PASTS if key[0] == path]:
-            del serial_port._PASTS[key]
+        for key in [key for key in serial_port._HISTORIES if key[0] == path]:
+            del serial_port._HISTORIES[key]
         over.set()
         for thread in threads:
             thread.join()

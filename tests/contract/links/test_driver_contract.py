@@ -74,7 +74,7 @@ def bench(stack: ExitStack, line: Line) -> SomeRig:
     port = server.start()
     stack.callback(server.stop)
     clock.begin()
-    troubles = registers.troubles
+    troubles = registers.line_faults
 
     def deaf(yes: bool) -> None:
         troubles.order(LineFault.SILENT, [line], 1, 60.0) if yes else troubles.clear()
@@ -224,5 +224,5 @@ class Runaway:
 def test_a_driver_that_does_not_stop_breaks_the_contract() -> None:
     with pytest.raises(AssertionError, match="the machine moves after a stop"):
         CHECKS["check_stop"](SomeRig(Runaway, lambda: True, reachable_n=10.0))
-    with pytest.raises(AssertionError, match="a ramp under way must say moving"):
+    with pytest.raises(AssertionError, match="readings must report moving during a ramp"):
         CHECKS["check_ramp"](SomeRig(Runaway, lambda: True, reachable_n=10.0))

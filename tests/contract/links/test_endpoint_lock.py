@@ -24,9 +24,9 @@ from semlive.service.checks.instrument import check_device_endpoints, endpoints_
 from semlive.service.config.configuration import Config
 from semlive.service.config.sections import DriverSection
 from semlive_drivers.endpoint_lock import reserve_serial, reserve_tcp
-from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
+from semlive_drivers.modbus.tcp.link import ModbusLink
 from semlive_drivers.modbus.trigger import open_trigger
 
 from .processes import WallClock
@@ -186,7 +186,7 @@ def test_a_trigger_keeps_its_device_between_requests(server: socket.socket) -> N
 def test_nobody_at_the_address_leaves_it_free() -> None:
     with socket.create_server(("127.0.0.1", 0)) as gone:
         port = port_of(gone)
-    with pytest.raises(LinkRefused, match="nobody answers"):
+    with pytest.raises(LinkRefused, match="no device answers"):
         ModbusLink("127.0.0.1", port, 1, 0.3)
     with process("tcp", "127.0.0.1", str(port), "1") as (_, said):
         assert said == "held"

@@ -111,7 +111,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     server = ModbusThread(registers, 0)
     port = server.start()
     clock.begin()
-    with rtu_line(port, UNIT, registers.troubles) as path:
+    with rtu_line(port, UNIT, registers.line_faults) as path:
         yield Bench(port, path, machine)
     server.stop()
 

@@ -74,7 +74,7 @@ def test_a_unit_in_the_head_counts_where_the_settings_have_none_and_must_not_con
     said = tail(path).read()
     assert (said.force_n, said.extension_mm) == (pytest.approx(134.2), pytest.approx(0.5005))
     assert tail(path, force={"column": 2, "unit": "kN"}).read().force_n == pytest.approx(134.2)
-    with pytest.raises(LinkRefused, match=r"column 'Force \(kN\)' is in kN, but the settings say N; correct one of them"):
+    with pytest.raises(LinkRefused, match=r"column 'Force \(kN\)' is in kN, but the settings state N; correct one of them"):
         tail(path, force={"column": 2, "unit": "N"})
     with pytest.raises(LinkRefused, match=r"column 'Ext \(um\)' is in um, which is no unit of force"):
         tail(path, force={"column": 3})
@@ -105,7 +105,7 @@ def test_an_empty_file_waits_for_its_first_line(tmp_path: Path) -> None:
     for text in ("", "Time;Force;Ext\n", "0,5;134,"):
         with path.open("a") as grown:
             grown.write(text)
-        with pytest.raises(LinkError, match="holds no whole line of numbers yet; start the recording"):
+        with pytest.raises(LinkError, match="holds no complete line of numbers yet; start the recording"):
             file.read()
     with path.open("a") as grown:
         grown.write("2;0,5\n")

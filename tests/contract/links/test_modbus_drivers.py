@@ -12,11 +12,11 @@ import pytest
 from semlive.data.loading import MotionState, StageKind, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import BlindStop, LoadFrame, Stage, Trigger
-from semlive_drivers.modbus.client import ModbusLink
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.stage import open_stage
+from semlive_drivers.modbus.tcp.link import ModbusLink
 from semlive_drivers.modbus.trigger import open_trigger
 
 from .processes import Peer, WallClock, peer, wait_until
@@ -91,7 +91,7 @@ def test_a_frozen_counter_is_no_reading(bench: Peer, load_frame: LoadFrame) -> N
 
 @pytest.mark.parametrize(
     ("mode", "sentence"),
-    [(2, "register 4 holds nan, which is no reading"), (4, "says motion state 9, which does not exist")],
+    [(2, "register 4 holds nan, which is no reading"), (4, "reports motion state 9, which does not exist")],
 )
 def test_nonsense_is_no_reading(bench: Peer, load_frame: LoadFrame, mode: int, sentence: str) -> None:
     bench.misbehave(mode)
@@ -134,7 +134,7 @@ def test_nobody_listens() -> None:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     for factory in (open_load_frame, open_stage, open_trigger):
-        with pytest.raises(LinkRefused, match=f"nobody answers at 127.0.0.1:{port}; check that the device is on"):
+        with pytest.raises(LinkRefused, match=f"no device answers at 127.0.0.1:{port}; check that the device is on"):
             factory({"port": port}, CLOCK)
 
 

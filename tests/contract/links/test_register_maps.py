@@ -14,7 +14,7 @@ from semlive.data.loading import ControlMode, MotionState, StopOnLinkLoss
 from semlive.errors import BadConfig, LinkError, LinkRefused
 from semlive.ports import LoadFrame, OrderCheck
 from semlive_drivers.composite_config import open_load_frame
-from semlive_drivers.maps import UNCONFIRMED_NOTE, known_maps, map_content, map_text
+from semlive_drivers.maps import UNCONFIRMED_NOTE, bundled_maps, map_content, map_text
 from semlive_drivers.modbus.check import check_modbus
 from semlive_drivers.modbus.device_map import load_map
 from semlive_drivers.modbus.load_frame import open_load_frame as open_one
@@ -48,7 +48,7 @@ def pulled(drive_map: str, drive: Device, spring: Spring, **approach: float) -> 
         frame.close()
 
 
-@pytest.mark.parametrize("name", known_maps())
+@pytest.mark.parametrize("name", bundled_maps())
 def test_every_map_says_where_it_is_from_and_only_the_bench_is_confirmed(name: str) -> None:
     content = map_content(name)
     assert content.get("confirmed", False) == (name == "bench")
@@ -68,7 +68,7 @@ def test_a_sign_in_a_status_bit_and_decimals_in_another_register() -> None:
             decimals = len(f"{division:.4f}".rstrip("0").partition(".")[2])
             assert frame.read().force_n == pytest.approx(-123 * 10**-decimals), f"division {division}"
         cell.words[13] = 9 << 8 | 13  # N m: no force
-        with pytest.raises(LinkError, match="division says 9, of which the register map does not tell"):
+        with pytest.raises(LinkError, match="division is 9, and the register map does not state"):
             frame.read()
         cell.words[13] = 4 << 8 | 7
         cell.before_read = lambda: cell.words.update({6: 0x0001})
@@ -160,9 +160,9 @@ def test_an_unconfirmed_map_moves_nothing() -> None:
             frame.ramp_to(10.0, 10.0)
         frame.stop()
         frame.close()
-        with pytest.raises(BadConfig, match="knows no load; give approach"):
+        with pytest.raises(BadConfig, match="has no load control; give approach"):
             open_load_frame(parts, CLOCK)
-        with pytest.raises(BadConfig, match="nobody tells the load; name a part that does"):
+        with pytest.raises(BadConfig, match="no part measures the load; name one that does"):
             open_load_frame({"drive": parts["drive"], "approach": APPROACH}, CLOCK)
 
 
@@ -246,7 +246,7 @@ def test_a_look_finds_a_wrong_order_of_words_and_a_register_that_is_not_there() 
         found = check_modbus("laumas_tlb", {"port": port, "registers": {"gross": {"words": "low_first"}}})
     said = {finding.what: finding for finding in found.findings}
     assert said["order of words"].verdict is Verdict.FAILED
-    assert "the description says low word first: correct it" in said["order of words"].advice
+    assert "the description states low word first: correct it" in said["order of words"].advice
     assert "no such register (exception 2)" in said["serial_number"].observation
     assert not found.passed
 
@@ -261,7 +261,7 @@ def test_nobody_answers_on_a_line_that_is_not_there(tmp_path: Path) -> None:
     [
         ("", ""),
         ("tells: {force: farce}", "tells names a point 'farce' that is not among points"),
-        ("every_turn: [[extension]]", "every_turn must hold force, which is told or needed with every reading"),
+        ("every_turn: [[extension]]", "every_turn must contain force, which every reading needs"),
         ("orders: {stop: [{set: {command: now}}]}", "orders.stop writes 'now'; an order can write numbers and force_n"),
         ("tells: {force: force, force_unit: stone}", "unit 'stone' is not known; it may be 1, N, kN"),
         ("tals: {}", "tals: Extra inputs are not permitted"),

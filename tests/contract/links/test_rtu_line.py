@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from semlive.errors import LinkError
-from semlive_drivers.modbus.client import RtuLink
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.rtu.frames import (
@@ -26,6 +25,7 @@ from semlive_drivers.modbus.rtu.frames import (
     write_request,
 )
 from semlive_drivers.modbus.rtu.line import NoReply, RtuLine
+from semlive_drivers.modbus.rtu.link import RtuLink
 from semlive_drivers.serial_port import SerialSettings
 
 from .emulated import Device, over_rtu
@@ -74,7 +74,7 @@ def test_a_late_answer_is_not_taken_for_the_next_one(opened: Callable[[], RtuLin
     lateness.planned = [0.8]
     with pytest.raises(NoReply, match=r"unit 1 gave no answer within 0\.4 s while reading holding register 10; check cable"):
         link.read(Block(Kind.HOLDING, 10, 1))
-    with pytest.raises(NoReply, match="an answer is still owed"):
+    with pytest.raises(NoReply, match="an earlier answer is still pending"):
         link.read(Block(Kind.HOLDING, 11, 1))
     wait_until(link.resync)
     assert link.read(Block(Kind.HOLDING, 11, 1)) == (1011,)

@@ -38,8 +38,8 @@ def bench() -> Iterator[tuple[str, LineFaultInjector]]:
     server = ModbusThread(registers, 0)
     port = server.start()
     clock.begin()
-    with rtu_line(port, UNIT, registers.troubles) as path:
-        yield path, registers.troubles
+    with rtu_line(port, UNIT, registers.line_faults) as path:
+        yield path, registers.line_faults
     server.stop()
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from semlive.errors import BadConfig, LinkError
 from semlive_drivers.modbus.codec import Block
-from semlive_drivers.modbus.part import open_link
+from semlive_drivers.modbus.device import open_link
 from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.rtu.shared_line import PriorityLock, is_shared
 from semlive_drivers.modbus.settings import ModbusSettings
@@ -154,7 +154,7 @@ def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
 
     def want(name: str, urgent: bool) -> threading.Thread:
         def run() -> None:
-            with turns.taken(urgent):
+            with turns.acquired(urgent):
                 served.append(name)
 
         thread = threading.Thread(target=run)
@@ -163,7 +163,7 @@ def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
         wait_until(lambda: sum(map(len, turns._waiting)) > waiting)
         return thread
 
-    with turns.taken(False):
+    with turns.acquired(False):
         begun.set()
         threads = [want("a", False), want("b", False), want("stop", True), want("stop too", True)]
     for thread in threads:

@@ -1,4 +1,4 @@
-"""The real daemon as a process, beside a stand and an export folder: what a row of the campaign injects into and looks at."""
+"""The daemon as a process, with a stand and an export folder, into which the rows of the campaign inject faults."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from typing import Any, Self
 
 import numpy as np
 import yaml
-from stand import RtuDoor, Stand, TcpDoor
+from stand import RtuPort, Stand, TcpPort
 
 from semlive.service.log.files import messages
 from semlive_simulators.exporters.image_metadata import ImageMetadata
@@ -26,7 +26,7 @@ from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.microscope.scan import Scan
 
 LIMITS = dict(force_min_n=-50.0, force_max_n=900.0, extension_min_mm=-1.0, extension_max_mm=1.0, force_rate_max_n_s=50.0)
-PATIENCE_S = 150.0
+TIMEOUT_S = 150.0
 HELPERS = """
 import os, signal, time
 def _block(*_):
@@ -41,18 +41,18 @@ if "SEMLIVE_TEST_SIGNALS" in os.environ:
 """
 
 
-def until(true: Callable[[], object], what: str, within_s: float = PATIENCE_S) -> float:
-    """Wait for something; gives when it was seen (monotonic s)."""
+def until(condition: Callable[[], object], what: str, within_s: float = TIMEOUT_S) -> float:
+    """Wait for a condition; returns the time at which it was observed (monotonic s)."""
     end_s = time.monotonic() + within_s
-    while not true():
-        assert time.monotonic() < end_s, f"within {within_s:g} s it did not come to this: {what}"
+    while not condition():
+        assert time.monotonic() < end_s, f"within {within_s:g} s this did not happen: {what}"
         time.sleep(0.01)
     return time.monotonic()
 
 
 @dataclass
 class Run:
-    """A daemon, its configuration, and what is seen of it from outside."""
+    """A daemon, its configuration, and its observable state."""
 
     folder: Path
     stand: Stand = field(default_factory=Stand)
@@ -81,8 +81,8 @@ class Run:
     def daemon(self) -> subprocess.Popen[str]:
         return self.started[-1]
 
-    def start(self, *options: str, asks: bool = False) -> Self:
-        """Start it; if it may ask, an operator sits at its terminal, otherwise it ends at a fault."""
+    def start(self, *options: str, attended: bool = False) -> Self:
+        """Start the daemon; with an operator at its terminal, or to end at a fault."""
         path = self.folder / "run.yaml"
         path.write_text(yaml.safe_dump(self.config), encoding="utf-8")
         helpers = self.folder / "helpers"
@@ -93,30 +93,30 @@ class Run:
             "PYTHONPATH": os.pathsep.join([str(helpers), *filter(None, [os.environ.get("PYTHONPATH")])]),
             "SEMLIVE_TEST_SIGNALS": "1",
         }
-        theirs: int = subprocess.DEVNULL
-        if asks:
-            self.operator, theirs = pty.openpty()
-        command = [sys.executable, "-m", "semlive", "run", str(path), *([] if asks else ["--stop-on-fault"]), *options]
-        process = subprocess.Popen(command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
-        if asks:
-            os.close(theirs)
+        terminal: int = subprocess.DEVNULL
+        if attended:
+            self.operator, terminal = pty.openpty()
+        command = [sys.executable, "-m", "semlive", "run", str(path), *([] if attended else ["--stop-on-fault"]), *options]
+        process = subprocess.Popen(command, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+        if attended:
+            os.close(terminal)
         self.started.append(process)
         return self
 
-    def say(self, word: str) -> None:
-        """The operator types."""
+    def enter(self, line: str) -> None:
+        """Enter a line as the operator."""
         assert self.operator is not None
-        os.write(self.operator, f"{word}\n".encode())
+        os.write(self.operator, f"{line}\n".encode())
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
-        found = self.log.is_dir() and any(self.log.iterdir())
-        return [json.loads(one.payload) for one in messages(self.log) if one.topic == topic] if found else []
+        exists = self.log.is_dir() and any(self.log.iterdir())
+        return [json.loads(message.payload) for message in messages(self.log) if message.topic == topic] if exists else []
 
     def states(self) -> list[str]:
-        return [one["after"] for one in self.logged("/state")]
+        return [change["after"] for change in self.logged("/state")]
 
     def causes(self) -> list[str]:
-        return [one["cause"] for one in self.logged("/state")]
+        return [change["cause"] for change in self.logged("/state")]
 
     def reach(self, state: str, times: int = 1) -> Self:
         until(lambda: self.states().count(state) >= times or self.daemon.poll() is not None, f"the daemon is in {state}")
@@ -124,57 +124,57 @@ class Run:
             raise AssertionError(f"the daemon ended before {state}: {self.end()}")
         return self
 
-    def end(self, within_s: float = PATIENCE_S) -> tuple[int, str]:
-        """Exit code, and what it said on one line."""
+    def end(self, within_s: float = TIMEOUT_S) -> tuple[int, str]:
+        """Exit code, and the output on one line."""
         out, err = self.daemon.communicate(timeout=within_s)
         assert "Traceback" not in err, err
         return self.daemon.returncode, " ".join((out + err).split())
 
-    def said(self) -> str:
+    def reported(self) -> str:
         """All faults and log lines so far."""
-        return " | ".join([*(one["what"] for one in self.logged("/fault")), *(one["text"] for one in self.logged("/log"))])
+        return " | ".join([*(fault["what"] for fault in self.logged("/fault")), *(line["text"] for line in self.logged("/log"))])
 
 
 @dataclass
 class Lab(Run):
-    """One row's surroundings: the run, its devices and its microscope."""
+    """The environment of one row: the run, its devices and its microscope."""
 
     # ---- devices
 
-    def over_tcp(self, **limits: float) -> TcpDoor:
+    def over_tcp(self, **limits: float) -> TcpPort:
         """The stand as the load frame, over Modbus TCP."""
-        door = TcpDoor(self.stand)
-        self._frame({"port": door.port}, limits)
-        return door
+        port = TcpPort(self.stand)
+        self._frame({"port": port.port}, limits)
+        return port
 
-    def over_rtu(self, **limits: float) -> RtuDoor:
+    def over_rtu(self, **limits: float) -> RtuPort:
         """The stand as the load frame, over Modbus RTU."""
-        door = RtuDoor(self.stand)
-        self._frame({"serial": {"port": door.path, "slowest_s": 0.6}}, limits)
-        return door
+        port = RtuPort(self.stand)
+        self._frame({"serial": {"port": port.path, "slowest_s": 0.6}}, limits)
+        return port
 
     def _frame(self, settings: dict[str, Any], limits: dict[str, float]) -> None:
         self.config["load_frame"] = {"driver": "modbus", "settings": {"map": "bench", **settings}}
-        rest = {"force_step_max_n": 900.0, "stage_travel_um": 100.0, "stop_timeout_s": 4.0}
-        self.config["limits"] = {**LIMITS, **rest, **limits}
+        further = {"force_step_max_n": 900.0, "stage_travel_um": 100.0, "stop_timeout_s": 4.0}
+        self.config["limits"] = {**LIMITS, **further, **limits}
 
     def no_frame(self, shifts: list[list[float]] | None = None) -> None:
-        """Nothing pulls: only files matter."""
+        """Configure a run without a load frame."""
         protocol = {"calibration_shifts_px": shifts or [[0, 0]], "settle_s": 0.2, "hold_s": 0.5, "frame_timeout_s": 600.0}
         self.config["protocol"] = protocol
 
-    # ---- what must hold whatever happened
+    # ---- requirements after every fault
 
-    def nothing_is_missing(self) -> None:
-        """The log is whole: finished, samples numbered without a gap, and the last word is a final state."""
+    def require_complete_log(self) -> None:
+        """The log is closed, its samples are numbered without a gap, and the last state is final."""
         assert [path.name for path in self.log.glob("*.part")] == []
-        numbers: list[int] = [one["sequence"] for one in self.logged("/load_frame/sample")]
+        numbers: list[int] = [sample["sequence"] for sample in self.logged("/load_frame/sample")]
         gaps = [(a, b) for a, b in itertools.pairwise(numbers) if b not in (a + 1, 0)]
         assert not gaps, gaps
         assert self.states()[-1] in ("aborted", "complete"), self.states()
 
     def stopped_ms(self, since_s: float) -> float:
-        """From an instant until the stand's motion had stopped."""
+        """Time from an instant to the end of the motion of the stand, ms."""
         until(lambda: not self.stand.moving, "the stand rests")
         times = [at_s for at_s, _ in self.stand.stops if at_s >= since_s]
         return 1e3 * (times[0] - since_s) if times else 0.0
@@ -182,11 +182,11 @@ class Lab(Run):
     # ---- the microscope
 
     def picture(self, **how: Any) -> tuple[bytes, bytes | None]:
-        """An exported image, and the text beside it, as the microscope writes them; see `frame`."""
+        """An exported image and its text file, as the microscope writes them; see `frame`."""
         return picture(self.folder, self.frames, **how)
 
     def frame(self, name: str | None = None, **how: Any) -> Path:
-        """A finished image in the export folder, scanned just now."""
+        """A complete image in the export folder, scanned just now."""
         data, text = self.picture(**how)
         self.frames += 1
         path = self.export / (name or f"frame_{self.frames:04d}.tif")
@@ -223,23 +223,23 @@ def picture(
     bits: int = 8,
     line_passes: int = 1,
 ) -> tuple[bytes, bytes | None]:
-    """An image of speckle whose scan ended `ago_s` ago, by a clock that is `clock_s` ahead."""
+    """An image of speckle whose scan ended `ago_s` ago, by a clock with an offset of `clock_s`."""
     dwell_s = 0.8 * lasts_s / (size[0] * size[1])
     scan = Scan(size[0], size[1], dwell_s, lasts_s, 0.0, 1.0, line_passes, "line" if line_passes > 1 else "frame")
-    chance = np.random.default_rng(seed)
-    coarse = chance.normal(size=(size[1] // 3 + 2, size[0] // 3 + 2))
+    generator = np.random.default_rng(seed)
+    coarse = generator.normal(size=(size[1] // 3 + 2, size[0] // 3 + 2))
     grey = np.kron(coarse, np.ones((3, 3)))[: size[1], : size[0]] * 45.0 * contrast + 128.0
     noisy = grey + np.random.default_rng(number + 1).normal(size=grey.shape) * (2.0 if contrast else 0.2)
     image = np.clip(noisy, 1, 254).astype(np.uint8) if bits == 8 else (np.clip(noisy, 1, 254) * 250).astype(np.uint16)
     end_ns = time.time_ns() - round(ago_s * 1e9) + round(clock_s * 1e9)
     facts = ImageMetadata(scan, end_ns, 12.5, -3.25, frame=number, name=f"frame_{number:04d}")
-    made = Export(WriteStyle.DIRECT, 0.0, 0.0, 6, 20, "frame", vendor).encode(image, facts)
-    return made.image, made.sidecar
+    files = Export(WriteStyle.DIRECT, 0.0, 0.0, 6, 20, "frame", vendor).encode(image, facts)
+    return files.image, files.sidecar
 
 
 @contextlib.contextmanager
 def laboratory(folder: Path) -> Iterator[Lab]:
-    """A lab of one row."""
+    """The environment of one row."""
     lab = Lab(folder)
     try:
         yield lab

@@ -1,4 +1,4 @@
-"""The whole list."""
+"""All rows of the campaign."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 from lab import Lab, until
-from table import Kind, Row, Seen
+from table import Kind, Observation, Row
 
 from semlive_simulators.exporters.settings import Vendor
 
@@ -26,7 +26,7 @@ def refusal(lab: Lab, name: str, says: str, within_s: float = 60.0) -> str:
     """The one refusal of a file, with its reason."""
 
     def found() -> list[str]:
-        return [one["reason"] for one in lab.logged("/sem/file") if one["name"] == name and one["decision"] == "refused"]
+        return [entry["reason"] for entry in lab.logged("/sem/file") if entry["name"] == name and entry["decision"] == "refused"]
 
     until(found, f"{name} is refused", within_s)
     reasons = found()
@@ -40,26 +40,26 @@ def goes_on(lab: Lab, frames: int = 2) -> None:
     for _ in range(frames):
         lab.frame()
         time.sleep(0.5)
-    code, said = lab.end()
-    assert code == 0, said
-    assert [one["pair"] for one in lab.logged("/pair")] == [0]
-    lab.nothing_is_missing()
+    code, output = lab.end()
+    assert code == 0, output
+    assert [entry["pair"] for entry in lab.logged("/pair")] == [0]
+    lab.require_complete_log()
 
 
 def originals(lab: Lab) -> int:
-    return len([one for one in lab.logged("/sem/file") if one["decision"] == "accepted"])
+    return len([entry for entry in lab.logged("/sem/file") if entry["decision"] == "accepted"])
 
 
-def truncated(lab: Lab) -> Seen:
+def truncated(lab: Lab) -> Observation:
     ready(lab)
     data, _ = lab.picture()
     (lab.export / "cut.tif").write_bytes(data[: round(len(data) * 0.9999)])
     reason = refusal(lab, "cut.tif", "never became complete")
     goes_on(lab)
-    return Seen(reason)
+    return Observation(reason)
 
 
-def preallocated(lab: Lab) -> Seen:
+def preallocated(lab: Lab) -> Observation:
     ready(lab, vendor="zeiss", profile={"start_sigma_s": 0.01, "databar_rows": 20})
     data, _ = lab.picture(vendor=Vendor.ZEISS)
     never = data[: len(data) // 2] + bytes(len(data) - len(data) // 2)
@@ -75,14 +75,14 @@ def preallocated(lab: Lab) -> Seen:
         time.sleep(0.7)
         if lab.logged("/pair"):
             break
-    code, said = lab.end()
-    assert code == 0, said
+    code, output = lab.end()
+    assert code == 0, output
     assert len(lab.logged("/pair")) == 1
-    lab.nothing_is_missing()
-    return Seen(f"{reason} Two that were filled 1.3 s later were taken")
+    lab.require_complete_log()
+    return Observation(f"{reason} Two that were filled 1.3 s later were taken")
 
 
-def sidecar(lab: Lab) -> Seen:
+def sidecar(lab: Lab) -> Observation:
     times = {"row_time_s": 9e-4, "dwell_time_s": 3e-6, "frame_time_s": 0.2, "start_sigma_s": 0.01}
     ready(lab, vendor="jeol", sidecar_timeout_s=2.0, profile=times)
     never, _ = lab.picture(vendor=Vendor.JEOL)
@@ -101,11 +101,11 @@ def sidecar(lab: Lab) -> Seen:
             break
     until(lambda: lab.logged("/pair"), "the pair is complete", 20)
     assert lab.end()[0] == 0
-    lab.nothing_is_missing()
-    return Seen(f"{reason} Those whose text came 1 s late were taken with it")
+    lab.require_complete_log()
+    return Observation(f"{reason} Those whose text came 1 s late were taken with it")
 
 
-def overwritten(lab: Lab) -> Seen:
+def overwritten(lab: Lab) -> Observation:
     ready(lab)
     path = lab.frame("same.tif")
     until(lambda: lab.logged("/sem/scan"), "the first is taken")
@@ -113,56 +113,56 @@ def overwritten(lab: Lab) -> Seen:
     path.write_bytes(data)
     reason = refusal(lab, "same.tif", "was overwritten")
     goes_on(lab, 1)
-    return Seen(reason)
+    return Observation(reason)
 
 
-def counters(lab: Lab) -> Seen:
+def counters(lab: Lab) -> Observation:
     ready(lab)
     lab.frame("img_0007.tif", ago_s=60.0)
     until(lambda: lab.logged("/sem/scan"), "the first is taken")
     lab.frame("img_0011.tif", ago_s=55.0)
     time.sleep(0.7)
     lab.frame("img_0001.tif", ago_s=50.0)
-    until(lambda: "img_0001" in lab.said() and "img_0011" in lab.said(), "gap and restart are told")
+    until(lambda: "img_0001" in lab.reported() and "img_0011" in lab.reported(), "gap and restart are reported")
     goes_on(lab)
-    told = [one["text"] for one in lab.logged("/log") if "img_00" in one["text"]]
-    return Seen("; ".join(told)[:220])
+    reports = [entry["text"] for entry in lab.logged("/log") if "img_00" in entry["text"]]
+    return Observation("; ".join(reports)[:220])
 
 
-def frozen(lab: Lab) -> Seen:
+def frozen(lab: Lab) -> Observation:
     ready(lab)
     path = lab.frame("one.tif")
     until(lambda: lab.logged("/sem/scan"), "the first is taken")
     (lab.export / "two.tif").write_bytes(path.read_bytes())
     reason = refusal(lab, "two.tif", "holds the same bytes")
     goes_on(lab, 1)
-    return Seen(reason)
+    return Observation(reason)
 
 
-def before_hold_end(lab: Lab) -> Seen:
+def before_hold_end(lab: Lab) -> Observation:
     lab.no_frame()
     lab.config["protocol"]["hold_s"] = 3.0
     lab.start().reach("holding")
     time.sleep(0.5)
     lab.frame("early.tif")
-    until(lambda: any("early.tif is not used" in one["reason"] for one in lab.logged("/sem/file")), "it is refused")
-    reason = next(one["reason"] for one in lab.logged("/sem/file") if "early.tif is not used" in one["reason"])
+    until(lambda: any("early.tif is not used" in entry["reason"] for entry in lab.logged("/sem/file")), "it is refused")
+    reason = next(entry["reason"] for entry in lab.logged("/sem/file") if "early.tif is not used" in entry["reason"])
     lab.reach("imaging")
     time.sleep(0.6)
     goes_on(lab)
-    return Seen(reason)
+    return Observation(reason)
 
 
-def one_or_three(lab: Lab) -> Seen:
+def one_or_three(lab: Lab) -> Observation:
     lab.no_frame()
     lab.config["protocol"] |= {"frame_timeout_s": 6.0}
-    lab.start(asks=True).reach("imaging")
+    lab.start(attended=True).reach("imaging")
     time.sleep(0.6)
     lab.frame()
     lab.reach("fault")
     assert not lab.logged("/pair")
-    lab.say("resume")
-    lab.reach("recover").say("resume")
+    lab.enter("resume")
+    lab.reach("recover").enter("resume")
     lab.reach("imaging", 2)
     time.sleep(0.6)
     lab.frame()
@@ -173,36 +173,36 @@ def one_or_three(lab: Lab) -> Seen:
     (lab.export / "second.tif").write_bytes(data)
     time.sleep(0.3)
     (lab.export / "third.tif").write_bytes(third)
-    code, said = lab.end()
-    assert code == 0, said
+    code, output = lab.end()
+    assert code == 0, output
     (pair,) = lab.logged("/pair")
     assert pair["second"]["name"] == "second.tif"
-    lab.nothing_is_missing()
-    return Seen(
+    lab.require_complete_log()
+    return Observation(
         "one frame: fault after frame_timeout_s, no pair; then three: the first two are the pair, the third is recorded and not used"
     )
 
 
-def other_settings(lab: Lab) -> Seen:
+def other_settings(lab: Lab) -> Observation:
     ready(lab)
     lab.frame("a.tif")
     time.sleep(0.5)
     lab.frame("b.tif", size=(300, 221))
-    until(lambda: any("instead of" in one["reason"] for one in lab.logged("/sem/file")), "the difference is told")
-    reason = next(one["reason"] for one in lab.logged("/sem/file") if "instead of" in one["reason"])
+    until(lambda: any("instead of" in entry["reason"] for entry in lab.logged("/sem/file")), "the difference is reported")
+    reason = next(entry["reason"] for entry in lab.logged("/sem/file") if "instead of" in entry["reason"])
     time.sleep(0.3)
     lab.frame("c.tif", size=(300, 221))
-    code, said = lab.end()
-    assert code == 0, said
+    code, output = lab.end()
+    assert code == 0, output
     (pair,) = lab.logged("/pair")
     assert (pair["first"]["name"], pair["second"]["name"]) == ("b.tif", "c.tif")
-    lab.nothing_is_missing()
-    return Seen(reason)
+    lab.require_complete_log()
+    return Observation(reason)
 
 
-def kinds_of_pixels(lab: Lab) -> Seen:
-    told = {"row_time_s": 8e-4, "dwell_time_s": 2e-6, "frame_time_s": 0.2, "start_sigma_s": 0.01, "pixel_size_m": 1e-6}
-    ready(lab, profile=told)
+def kinds_of_pixels(lab: Lab) -> Observation:
+    reports = {"row_time_s": 8e-4, "dwell_time_s": 2e-6, "frame_time_s": 0.2, "start_sigma_s": 0.01, "pixel_size_m": 1e-6}
+    ready(lab, profile=reports)
     chance = np.random.default_rng(3)
     grey = np.kron(chance.integers(20, 230, (80, 90), dtype=np.uint8), np.ones((3, 3), dtype=np.uint8))
     made = {
@@ -218,18 +218,18 @@ def kinds_of_pixels(lab: Lab) -> Seen:
         working.write_bytes(encoded.tobytes())
         working.replace(lab.export / name)
         time.sleep(0.8)
-    refused = [one for one in lab.logged("/sem/file") if one["name"] == "colour.tif" and one["decision"] == "refused"]
+    refused = [entry for entry in lab.logged("/sem/file") if entry["name"] == "colour.tif" and entry["decision"] == "refused"]
     until(lambda: lab.logged("/pair"), "16 bit and LZW are the pair", 30)
     (pair,) = lab.logged("/pair")
     names = {pair["first"]["name"], pair["second"]["name"]}
     assert "colour.tif" not in names, names
     assert refused, lab.logged("/sem/file")
     assert lab.end()[0] == 0
-    lab.nothing_is_missing()
-    return Seen(f"{refused[0]['reason']} Grey as RGB with LZW, and 16 bit, were taken")
+    lab.require_complete_log()
+    return Observation(f"{refused[0]['reason']} Grey as RGB with LZW, and 16 bit, were taken")
 
 
-def mid_scan(lab: Lab) -> Seen:
+def mid_scan(lab: Lab) -> Observation:
     ready(lab, vendor="zeiss", profile={"start_sigma_s": 0.01, "databar_rows": 20})
     for number in range(6):
         time.sleep(1.2)
@@ -248,63 +248,63 @@ def mid_scan(lab: Lab) -> Seen:
         if lab.logged("/pair"):
             break
     until(lambda: lab.logged("/pair"), "a pair", 20)
-    code, said = lab.end()
-    assert code == 0, said
+    code, output = lab.end()
+    assert code == 0, output
     (pair,) = lab.logged("/pair")
     assert (pair["first"]["height_px"], pair["second"]["height_px"]) == (150, 150)
-    lab.nothing_is_missing()
-    return Seen("both counted down to row 150, which they had reached; a pair of 150 rows")
+    lab.require_complete_log()
+    return Observation("both counted down to row 150, which they had reached; a pair of 150 rows")
 
 
-def share_gone(lab: Lab) -> Seen:
+def share_gone(lab: Lab) -> Observation:
     ready(lab)
     lab.frame()
     until(lambda: lab.logged("/sem/scan"), "the first is taken")
     away = lab.folder / "away"
     lab.export.rename(away)
-    until(lambda: "cannot be read" in lab.said(), "that the folder is gone is told")
+    until(lambda: "cannot be read" in lab.reported(), "that the folder is gone is reported")
     away.rename(lab.export)
-    until(lambda: "is back" in lab.said(), "that it is back is told")
+    until(lambda: "is back" in lab.reported(), "that its return is reported")
     goes_on(lab, 1)
     assert len(lab.logged("/sem/scan")) == 2
-    return Seen("told: the export folder cannot be read, it is tried again; told when it was back; nothing was taken twice")
+    return Observation("reported: the export folder cannot be read, it is tried again; reported when it was back; nothing was taken twice")
 
 
-def wrong_clock(lab: Lab) -> Seen:
+def wrong_clock(lab: Lab) -> Observation:
     ready(lab)
     for _ in range(2):
         lab.frame(clock_s=3600.0)
         time.sleep(0.7)
-    until(lambda: any(one.get("advice") for one in lab.logged("/clock/offset")), "the offset is told")
-    advice = next(one["advice"] for one in lab.logged("/clock/offset") if one.get("advice"))
+    until(lambda: any(entry.get("advice") for entry in lab.logged("/clock/offset")), "the offset is reported")
+    advice = next(entry["advice"] for entry in lab.logged("/clock/offset") if entry.get("advice"))
     time.sleep(0.5)
     assert not lab.logged("/pair"), "frames of a clock that is an hour ahead made a pair"
-    refused = [one["reason"] for one in lab.logged("/sem/file") if "after it arrived" in one["reason"]]
+    refused = [entry["reason"] for entry in lab.logged("/sem/file") if "after it arrived" in entry["reason"]]
     assert len(refused) == 2
     lab.frame(clock_s=-3600.0)
-    until(lambda: sum("is not used" in one["reason"] for one in lab.logged("/sem/file")) == 3, "the late one is refused")
+    until(lambda: sum("is not used" in entry["reason"] for entry in lab.logged("/sem/file")) == 3, "the late one is refused")
     goes_on(lab)
-    return Seen(f"{advice} Frames an hour ahead and behind made no pair")
+    return Observation(f"{advice} Frames an hour ahead and behind made no pair")
 
 
-def old_files(lab: Lab) -> Seen:
+def old_files(lab: Lab) -> Observation:
     for number in range(10_000):
         (lab.export / f"old_{number:05d}.tif").write_bytes(b"II*\0old")
     ready(lab)
     goes_on(lab)
-    names = {one["name"] for one in lab.logged("/sem/file")}
+    names = {entry["name"] for entry in lab.logged("/sem/file")}
     assert not [name for name in names if name.startswith("old_")]
-    return Seen("none was read or refused; the pair was taken")
+    return Observation("none was read or refused; the pair was taken")
 
 
-def hopeless(lab: Lab) -> Seen:
+def hopeless(lab: Lab) -> Observation:
     ready(lab)
     _pair(lab, contrast=0.0)
-    code, said = lab.end()
-    lab.nothing_is_missing()
-    assert code == 1, said
-    assert "the first pair cannot be used" in said, said
-    assert not [one for one in lab.logged("/result") if one["pairs"]]
+    code, output = lab.end()
+    lab.require_complete_log()
+    assert code == 1, output
+    assert "the first pair cannot be used" in output, output
+    assert not [entry for entry in lab.logged("/result") if entry["pairs"]]
     later = Lab(lab.folder / "later", lab.stand)
     try:
         later.no_frame([[0.0, 0.0]] * 3)
@@ -314,15 +314,15 @@ def hopeless(lab: Lab) -> Seen:
             later.reach("imaging", step + 1)
             time.sleep(0.6)
             _pair(later, contrast=contrast)
-        code, said = later.end()
-        assert code == 1, said
+        code, output = later.end()
+        assert code == 1, output
         assert later.states()[-3:] == ["fault", "stopping", "aborted"], later.states()
         assert len(later.logged("/pair")) == 2
         what = later.logged("/fault")[-1]["what"]
         assert "a pair cannot be used" in what, later.logged("/fault")
     finally:
         later.close()
-    return Seen(f"in the only step: exit code 1, the first pair cannot be used; in the second of three steps, fault: {what}")
+    return Observation(f"in the only step: exit code 1, the first pair cannot be used; in the second of three steps, fault: {what}")
 
 
 def _pair(lab: Lab, contrast: float) -> None:
@@ -331,7 +331,7 @@ def _pair(lab: Lab, contrast: float) -> None:
         time.sleep(0.5)
 
 
-def held_open(lab: Lab) -> Seen:
+def held_open(lab: Lab) -> Observation:
     raise NotImplementedError
 
 

@@ -13,37 +13,37 @@ from pathlib import Path
 import serial
 import yaml
 from lab import Lab, until
-from stand import FAULT, RtuDoor
-from table import Kind, Row, Seen
+from stand import FAULT, RtuPort
+from table import Kind, Observation, Row
 
 SOON_MS = 400.0
-"""From a reading that violates to rest: one polling period (50 ms), the stop, and a busy computer."""
+"""Largest time from a reading beyond a limit to rest: one polling period (50 ms), the stop, and a busy computer."""
 WATCHDOG_MS = 2600.0
-"""The device's own watchdog (2 s), its last feeding up to 0.1 s before, and a busy computer."""
+"""Largest time to rest by the watchdog of the device (2 s), fed up to 0.1 s before, on a busy computer."""
 
 
-def in_fault(lab: Lab, says: str, *, after: str = "ramping") -> str:
-    """The run went into a fault and ended by itself; gives the sentence."""
-    code, said = lab.end()
+def in_fault(lab: Lab, pattern: str, *, after: str = "ramping") -> str:
+    """Require that the run went into a fault and ended by itself; returns the message."""
+    code, output = lab.end()
     states = lab.states()
-    assert code == 1, said
+    assert code == 1, output
     assert "fault" in states or "estopped" in states, states
     assert after in states
-    told = f"{said} | {lab.said()}"
-    assert re.search(says, told), told
-    lab.nothing_is_missing()
+    reported = f"{output} | {lab.reported()}"
+    assert re.search(pattern, reported), reported
+    lab.require_complete_log()
     assert not lab.logged("/pair")
-    return next((one["what"] for one in lab.logged("/fault") if re.search(says, one["what"])), _sentence(said, says))
+    return next((fault["what"] for fault in lab.logged("/fault") if re.search(pattern, fault["what"])), _message(output, pattern))
 
 
-def _sentence(said: str, says: str) -> str:
-    """What was said of it, between the marks of warnings and the lines of progress."""
-    found = re.search(rf"! ([^!]*{says}[^!:]*)", said)
-    return found[1].strip() if found else says
+def _message(output: str, pattern: str) -> str:
+    """The message in the output, between the marks of warnings and the progress lines."""
+    match = re.search(rf"! ([^!]*{pattern}[^!:]*)", output)
+    return match[1].strip() if match else pattern
 
 
 def ramping(lab: Lab) -> float:
-    """The daemon started, and the stand has been moving for half a second."""
+    """Start the daemon and wait until the stand moves; returns the time (monotonic s)."""
     lab.start().reach("ramping")
     until(lambda: lab.stand.moving and abs(lab.stand.force_n) > 20, "the stand moves")
     return time.monotonic()
@@ -57,62 +57,62 @@ def stopped(lab: Lab, since_s: float, within_ms: float, by: str) -> float:
     return took_ms
 
 
-def cable_out_in_ramp(lab: Lab) -> Seen:
-    door = lab.over_tcp()
+def cable_out_in_ramp(lab: Lab) -> Observation:
+    port = lab.over_tcp()
     began = ramping(lab)
-    door.cut()
+    port.disconnect()
     took_ms = stopped(lab, began, WATCHDOG_MS, "its own watchdog")
-    return Seen(in_fault(lab, "nobody answers|is closed|gave no answer|link"), took_ms)
+    return Observation(in_fault(lab, "no device answers|is closed|gave no answer|link"), took_ms)
 
 
-def cable_out_in_hold(lab: Lab) -> Seen:
+def cable_out_in_hold(lab: Lab) -> Observation:
     lab.config["protocol"]["hold_s"] = 30.0
-    door = lab.over_tcp()
+    port = lab.over_tcp()
     lab.start().reach("holding")
-    door.cut()
-    return Seen(in_fault(lab, "nobody answers|gave no answer", after="holding"))
+    port.disconnect()
+    return Observation(in_fault(lab, "no device answers|gave no answer", after="holding"))
 
 
-def cable_out_in_stop(lab: Lab) -> Seen:
-    door = lab.over_tcp()
+def cable_out_in_stop(lab: Lab) -> Observation:
+    port = lab.over_tcp()
     began = ramping(lab)
-    door.cut()
+    port.disconnect()
     lab.daemon.send_signal(signal.SIGINT)
     took_ms = stopped(lab, began, WATCHDOG_MS, "its own watchdog")
-    code, said = lab.end()
+    code, output = lab.end()
     assert code == 1
-    assert "did not confirm" in said, said
-    lab.nothing_is_missing()
-    return Seen("stopping, then aborted: the load frame did not confirm that it stopped", took_ms)
+    assert "did not confirm" in output, output
+    lab.require_complete_log()
+    return Observation("stopping, then aborted: the load frame did not confirm that it stopped", took_ms)
 
 
-def hung(lab: Lab) -> Seen:
+def hung(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"]["loads_n"] = [800.0]
     began = ramping(lab)
     lab.stand.silent = True
     took_ms = stopped(lab, began, WATCHDOG_MS, "its own watchdog")
-    return Seen(in_fault(lab, "gave no answer within"), took_ms)
+    return Observation(in_fault(lab, "gave no answer within"), took_ms)
 
 
-def late_answers(lab: Lab) -> Seen:
+def late_answers(lab: Lab) -> Observation:
     lab.over_rtu()
     lab.config["protocol"]["loads_n"] = [800.0]
     ramping(lab)
     late = [0.45] * 3
     lab.stand.late_s = lambda: late.pop(0) if late else 0.0
     code, _ = lab.end()
-    lab.nothing_is_missing()
-    raws = [tuple(one["raw"]) for one in lab.logged("/load_frame/sample")]
+    lab.require_complete_log()
+    raws = [tuple(entry["raw"]) for entry in lab.logged("/load_frame/sample")]
     counts = [raw[7] << 16 | raw[8] for raw in raws]
     assert code == 1
     assert all(a < b for a, b in itertools.pairwise(counts)), "a reading was older than the one before it"
     assert {len(raw) for raw in raws} == {13}
     assert not late
-    return Seen(f"no stale reading among {len(raws)}; the machine was stopped and the run ended in a fault")
+    return Observation(f"no stale reading among {len(raws)}; the machine was stopped and the run ended in a fault")
 
 
-def noise(lab: Lab) -> Seen:
+def noise(lab: Lab) -> Observation:
     lab.over_rtu()
     lab.config["protocol"]["hold_s"] = 30.0
     lab.start().reach("holding")
@@ -123,139 +123,141 @@ def noise(lab: Lab) -> Seen:
         *(lambda frame: [(0.0, frame + frame)] for _ in range(2)),
         *(lambda frame: [(0.0, b"\x01\x04\x00\x03\x00\x0d" + frame)] for _ in range(2)),
     ]
-    asked = [0]
+    replies = [0]
 
-    def spoil(frame: bytes) -> list[tuple[float, bytes]]:
-        asked[0] += 1
-        return bad.pop(0)(frame) if bad and asked[0] % 5 == 0 else [(0.0, frame)]
+    def corrupt(frame: bytes) -> list[tuple[float, bytes]]:
+        replies[0] += 1
+        return bad.pop(0)(frame) if bad and replies[0] % 5 == 0 else [(0.0, frame)]
 
-    lab.stand.spoil = spoil
-    until(lambda: not bad, "all spoilt answers were sent")
+    lab.stand.corrupt = corrupt
+    until(lambda: not bad, "all corrupted answers were sent")
     time.sleep(0.5)
-    forces = [one["force_n"] for one in lab.logged("/load_frame/sample")]
+    forces = [entry["force_n"] for entry in lab.logged("/load_frame/sample")]
     assert all(-1.0 <= force <= 401.0 for force in forces)
-    assert "fault" not in lab.states(), lab.said()
+    assert "fault" not in lab.states(), lab.reported()
     lab.daemon.send_signal(signal.SIGINT)
     code, _ = lab.end()
     assert code == 1
-    lab.nothing_is_missing()
-    return Seen(f"10 spoilt answers cost no wrong reading of {len(forces)}, and no fault: the hold went on")
+    lab.require_complete_log()
+    return Observation(f"10 corrupted answers cost no wrong reading of {len(forces)}, and no fault: the hold continued")
 
 
-def refusals(lab: Lab) -> Seen:
+def refusals(lab: Lab) -> Observation:
     lab.over_tcp()
-    told: list[str] = []
+    codes: list[str] = []
     for code in (1, 2, 3, 4, 6):
         lab.config["run"]["name"] = f"refused{code}"
-        one = Lab(lab.folder / f"e{code}", lab.stand)
-        one.config |= {key: lab.config[key] for key in ("load_frame", "limits", "protocol")}
+        trial = Lab(lab.folder / f"e{code}", lab.stand)
+        trial.config |= {key: lab.config[key] for key in ("load_frame", "limits", "protocol")}
         lab.stand.refuse_motion = code
-        one.start()
+        trial.start()
         try:
-            ended, said = one.end()
-            assert ended == 1, said
-            assert f"exception {code}" in said, said
-            assert "fault" in one.states()
+            ended, output = trial.end()
+            assert ended == 1, output
+            assert f"exception {code}" in output, output
+            assert "fault" in trial.states()
             assert not lab.stand.stops
-            told.append(str(code))
+            codes.append(str(code))
         finally:
             lab.stand.refuse_motion = 0
-            for process in one.started:
+            for process in trial.started:
                 if process.poll() is None:
                     process.kill()
-    return Seen(f"the order was refused with exception {', '.join(told)}: fault each time, and nothing moved")
+    return Observation(f"the order was refused with exception {', '.join(codes)}: fault each time, and nothing moved")
 
 
-def wrong_unit(lab: Lab) -> Seen:
+def wrong_unit(lab: Lab) -> Observation:
     lab.over_rtu()
     lab.config["load_frame"]["settings"]["unit"] = 3
-    code, said = lab.start().end()
-    assert code == 2, said
-    assert "unit 3 gave no answer" in said, said
+    code, output = lab.start().end()
+    assert code == 2, output
+    assert "unit 3 gave no answer" in output, output
     assert not lab.stand.requests
-    return Seen("refused at the start (exit code 2): unit 3 gave no answer; nothing was written")
+    return Observation("refused at the start (exit code 2): unit 3 gave no answer; nothing was written")
 
 
-def word_order(lab: Lab) -> Seen:
+def word_order(lab: Lab) -> Observation:
     lab.over_tcp()
-    lab.stand.tell = lambda force_n: force_n + 99.25
+    lab.stand.sensor = lambda force_n: force_n + 99.25
     lab.config["load_frame"]["settings"]["registers"] = {"force": {"words": "low_first"}}
-    code, said = lab.start().end()
-    assert code in (1, 2), said
-    assert not [one for one in lab.logged("/command") if one["what"] == "ramp_to"]
-    assert "order of words" in f"{said} {lab.said()}", said
-    return Seen("refused at the start: the force is no number that a device tells, check the order of words; nothing moved")
+    code, output = lab.start().end()
+    assert code in (1, 2), output
+    assert not [entry for entry in lab.logged("/command") if entry["what"] == "ramp_to"]
+    assert "order of words" in f"{output} {lab.reported()}", output
+    return Observation("refused at the start: the force is no number that a device sends, check the order of words; nothing moved")
 
 
-def renamed_adapter(lab: Lab) -> Seen:
-    door = lab.over_rtu()
+def renamed_adapter(lab: Lab) -> Observation:
+    port = lab.over_rtu()
     name = lab.folder / "semlive-frame"
-    name.symlink_to(door.path)
+    name.symlink_to(port.path)
     lab.config["load_frame"]["settings"]["serial"]["port"] = str(name)
     lab.config["protocol"]["hold_s"] = 60.0
-    lab.start(asks=True).reach("holding")
-    door.unplug()
+    lab.start(attended=True).reach("holding")
+    port.unplug()
     until(lambda: "fault" in lab.states(), "the link is lost")
-    again = RtuDoor(lab.stand)
+    again = RtuPort(lab.stand)
     other = lab.folder / "new"
     other.symlink_to(again.path)
     os.replace(other, name)
     before = len(lab.logged("/load_frame/sample"))
     until(lambda: len(lab.logged("/load_frame/sample")) > before + 5, "readings come again")
-    lab.say("resume")
-    lab.reach("recover").say("resume")
+    lab.enter("resume")
+    lab.reach("recover").enter("resume")
     lab.reach("holding", 2)
     lab.daemon.send_signal(signal.SIGINT)
     lab.end()
-    lab.nothing_is_missing()
-    return Seen("fault; the new line was opened by its name, asked who answers, and the operator took the step up again with its full hold")
+    lab.require_complete_log()
+    return Observation(
+        "fault; the new line was opened by its name, its identity was checked, and the operator resumed the step with its full hold"
+    )
 
 
-def held_port(lab: Lab) -> Seen:
-    door = lab.over_rtu()
-    with serial.Serial(door.path, exclusive=True):
-        code, said = lab.start().end()
-    assert code == 2, said
-    assert "cannot be opened" in said, said
-    assert "who else uses it" in said, said
-    return Seen("refused at the start (exit code 2): the line cannot be opened, check who else uses it")
+def held_port(lab: Lab) -> Observation:
+    port = lab.over_rtu()
+    with serial.Serial(port.path, exclusive=True):
+        code, output = lab.start().end()
+    assert code == 2, output
+    assert "cannot be opened" in output, output
+    assert "who else uses it" in output, output
+    return Observation("refused at the start (exit code 2): the line cannot be opened, check who else uses it")
 
 
-def reboot(lab: Lab) -> Seen:
+def reboot(lab: Lab) -> Observation:
     lab.config["protocol"]["hold_s"] = 60.0
-    door = lab.over_tcp()
+    port = lab.over_tcp()
     lab.start().reach("holding")
-    door.cut()
+    port.disconnect()
     lab.stand.reboot()
-    door.mend()
-    return Seen(in_fault(lab, "was restarted", after="holding"))
+    port.reconnect()
+    return Observation(in_fault(lab, "was restarted", after="holding"))
 
 
-def nonsense_readings(lab: Lab) -> Seen:
+def nonsense_readings(lab: Lab) -> Observation:
     lab.over_tcp()
-    took, told = [], []
+    took, messages = [], []
     cases = {"NaN": math.nan, "-999": -999.0, "saturated": 32_767.0, "frozen": None}
     for name, value in cases.items():
-        one = Lab(lab.folder / name, lab.stand)
-        one.config |= {key: lab.config[key] for key in ("load_frame", "limits", "protocol")}
+        trial = Lab(lab.folder / name, lab.stand)
+        trial.config |= {key: lab.config[key] for key in ("load_frame", "limits", "protocol")}
         lab.stand.force_n, lab.stand.word, lab.stand.trouble = 0.0, None, 0
         try:
-            began = ramping(one)
+            began = ramping(trial)
             if value is None:
                 lab.stand.frozen = True
             else:
-                lab.stand.tell = lambda _, value=value: value
-            took.append(stopped(one, began, 1700.0 if value is None else SOON_MS * 2, "stop"))
-            told.append(in_fault(one, "which is no reading|outside the limits|is frozen"))
+                lab.stand.sensor = lambda _, value=value: value
+            took.append(stopped(trial, began, 1700.0 if value is None else SOON_MS * 2, "stop"))
+            messages.append(in_fault(trial, "which is no reading|outside the limits|is frozen"))
         finally:
-            lab.stand.tell, lab.stand.frozen = (lambda force_n: force_n), False
-            for process in one.started:
+            lab.stand.sensor, lab.stand.frozen = (lambda force_n: force_n), False
+            for process in trial.started:
                 if process.poll() is None:
                     process.kill()
-    return Seen("; ".join(f"{name}: fault, {took_ms:.0f} ms" for name, took_ms in zip(cases, took, strict=True)), max(took))
+    return Observation("; ".join(f"{name}: fault, {took_ms:.0f} ms" for name, took_ms in zip(cases, took, strict=True)), max(took))
 
 
-def never_stable(lab: Lab) -> Seen:
+def never_stable(lab: Lab) -> Observation:
     lab.over_tcp()
     bench = Path(__file__).parents[3] / "drivers" / "semlive_drivers" / "maps" / "bench.yaml"
     text = yaml.safe_load(bench.read_text(encoding="utf-8"))
@@ -265,42 +267,42 @@ def never_stable(lab: Lab) -> Seen:
     path = lab.folder / "map.yaml"
     path.write_text(yaml.safe_dump(text), encoding="utf-8")
     lab.config["load_frame"]["settings"]["map"] = str(path)
-    code, said = lab.start().end()
-    assert code in (1, 2), said
-    assert "the reading is not stable" in said, said
-    assert not [one for one in lab.logged("/command") if one["what"] == "ramp_to"]
-    return Seen("refused at the start: the reading is not stable; nothing moved")
+    code, output = lab.start().end()
+    assert code in (1, 2), output
+    assert "the reading is not stable" in output, output
+    assert not [entry for entry in lab.logged("/command") if entry["what"] == "ramp_to"]
+    return Observation("refused at the start: the reading is not stable; nothing moved")
 
 
-def sign_flip(lab: Lab) -> Seen:
+def sign_flip(lab: Lab) -> Observation:
     lab.over_tcp(force_drop_max_n=60.0)
     lab.config["protocol"]["loads_n"] = [800.0]
     began = ramping(lab)
     until(lambda: lab.stand.force_n > 120.0, "the load is 120 N")
     began = time.monotonic()
-    lab.stand.tell = lambda force_n: force_n - 120.0  # tared
+    lab.stand.sensor = lambda force_n: force_n - 120.0  # tared
     took_ms = stopped(lab, began, SOON_MS, "stop")
-    return Seen(in_fault(lab, "fell"), took_ms)
+    return Observation(in_fault(lab, "fell"), took_ms)
 
 
-def stuck(lab: Lab) -> Seen:
+def stuck(lab: Lab) -> Observation:
     lab.config["protocol"]["motion_timeout_s"] = 3.0
     lab.over_tcp()
     lab.stand.stuck = True
     lab.start().reach("ramping")
-    return Seen(in_fault(lab, "N"))
+    return Observation(in_fault(lab, "N"))
 
 
-def wrong_way(lab: Lab) -> Seen:
+def wrong_way(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.stand.wrong_way = True
     lab.start().reach("ramping")
     until(lambda: lab.stand.force_n < -50.0, "the limit is passed")
     took_ms = stopped(lab, time.monotonic() - 0.01, SOON_MS, "stop")
-    return Seen(in_fault(lab, "outside the limits"), took_ms)
+    return Observation(in_fault(lab, "outside the limits"), took_ms)
 
 
-def creep(lab: Lab) -> Seen:
+def creep(lab: Lab) -> Observation:
     lab.config["protocol"]["hold_s"] = 20.0
     lab.over_tcp()
     lab.start().reach("holding")
@@ -310,41 +312,41 @@ def creep(lab: Lab) -> Seen:
     lab.reach("holding", 2)
     lab.daemon.send_signal(signal.SIGINT)
     lab.end()
-    lab.nothing_is_missing()
+    lab.require_complete_log()
     assert not lab.logged("/pair")
-    return Seen("the hold was broken off as disturbed, the load approached again, and the hold began anew in full")
+    return Observation("the hold was aborted as disturbed, the load approached again, and the hold restarted in full")
 
 
-def fracture(lab: Lab) -> Seen:
+def fracture(lab: Lab) -> Observation:
     lab.over_tcp(force_drop_max_n=60.0)
     lab.config["protocol"]["loads_n"] = [800.0]
     ramping(lab)
     until(lambda: lab.stand.force_n > 120.0, "the load is 120 N")
     began = time.monotonic()
-    lab.stand.tell = lambda force_n: 0.0
+    lab.stand.sensor = lambda force_n: 0.0
     took_ms = stopped(lab, began, SOON_MS, "stop")
-    return Seen(in_fault(lab, "fell"), took_ms)
+    return Observation(in_fault(lab, "fell"), took_ms)
 
 
-def limit_switch(lab: Lab) -> Seen:
+def limit_switch(lab: Lab) -> Observation:
     lab.over_tcp()
     ramping(lab)
     lab.stand.halt("limit switch")
     lab.stand.word, lab.stand.trouble = FAULT, 3
-    return Seen(in_fault(lab, "limit switch"), 0.0)
+    return Observation(in_fault(lab, "limit switch"), 0.0)
 
 
-def soft_limit(lab: Lab) -> Seen:
+def soft_limit(lab: Lab) -> Observation:
     lab.over_tcp(extension_max_mm=0.01)
     ramping(lab)
     until(lambda: lab.stand.force_n > 200.0, "the limit is passed")
     took_ms = stopped(lab, time.monotonic() - 0.01, SOON_MS, "stop")
-    return Seen(in_fault(lab, "outside the limits"), took_ms)
+    return Observation(in_fault(lab, "outside the limits"), took_ms)
 
 
-def emergency_stop(lab: Lab) -> Seen:
+def emergency_stop(lab: Lab) -> Observation:
     lab.over_tcp()
-    lab.start(asks=True).reach("ramping")
+    lab.start(attended=True).reach("ramping")
     until(lambda: lab.stand.moving, "the stand moves")
     lab.stand.halt("emergency stop")
     lab.stand.word, lab.stand.trouble = FAULT, 4
@@ -353,36 +355,36 @@ def emergency_stop(lab: Lab) -> Seen:
     time.sleep(1.0)
     assert not lab.stand.moving
     assert lab.states()[-1] == "estopped"
-    lab.say("resume")
+    lab.enter("resume")
     lab.reach("recover")
     assert not lab.stand.moving
-    lab.say("resume")
+    lab.enter("resume")
     lab.reach("ramping", 2)
     lab.daemon.send_signal(signal.SIGINT)
     lab.end()
-    lab.nothing_is_missing()
-    return Seen("estopped; released, nothing moved until the operator resumed twice", 0.0)
+    lab.require_complete_log()
+    return Observation("estopped; released, nothing moved until the operator resumed twice", 0.0)
 
 
-def device_watchdog(lab: Lab) -> Seen:
+def device_watchdog(lab: Lab) -> Observation:
     lab.over_tcp()
     began = ramping(lab)
     lab.daemon.send_signal(signal.SIGSTOP)
     took_ms = stopped(lab, began, WATCHDOG_MS, "its own watchdog")
     lab.daemon.send_signal(signal.SIGCONT)
-    return Seen(in_fault(lab, "watchdog|control sent no signal|fault"), took_ms)
+    return Observation(in_fault(lab, "watchdog|control sent no signal|fault"), took_ms)
 
 
-def heartbeat_stuck(lab: Lab) -> Seen:
+def heartbeat_stuck(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"]["loads_n"] = [800.0]
     began = ramping(lab)
     lab.stand.heart_stuck = True
     took_ms = stopped(lab, began, WATCHDOG_MS, "its own watchdog")
-    return Seen(in_fault(lab, "watchdog"), took_ms)
+    return Observation(in_fault(lab, "watchdog"), took_ms)
 
 
-def by_hand(lab: Lab) -> Seen:
+def by_hand(lab: Lab) -> Observation:
     lab.config["protocol"]["hold_s"] = 20.0
     lab.over_tcp()
     lab.start().reach("holding")
@@ -391,9 +393,9 @@ def by_hand(lab: Lab) -> Seen:
     lab.reach("holding", 2)
     lab.daemon.send_signal(signal.SIGINT)
     lab.end()
-    lab.nothing_is_missing()
+    lab.require_complete_log()
     assert not lab.logged("/pair")
-    return Seen("the hold was broken off as disturbed and began anew in full once the load was back in tolerance")
+    return Observation("the hold was aborted as disturbed and restarted in full once the load was back in tolerance")
 
 
 E, R = Kind.EMULATED, Kind.REAL

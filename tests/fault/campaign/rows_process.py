@@ -14,18 +14,18 @@ from lab import Lab, until
 from mcap.exceptions import McapError
 from mcap.stream_reader import StreamReader
 from rows_link import SOON_MS, WATCHDOG_MS, in_fault, ramping, stopped
-from table import Kind, Row, Seen
+from table import Kind, Observation, Row
 
 _UNLIMITED = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
 
 
-def killed(lab: Lab) -> Seen:
+def killed(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"] |= {"loads_n": [400.0, 420.0], "hold_s": 2.0}
     took, done = [], []
     for state in ("ramping", "settling", "holding", "imaging"):
         count, asked = lab.states().count(state), lab.states().count("recover")
-        lab.start(*(["--resume"] if lab.log.is_dir() else []), asks=True)
+        lab.start(*(["--resume"] if lab.log.is_dir() else []), attended=True)
         _until_again(lab, state, count, asked)
         if state == "ramping":
             until(lambda: lab.stand.moving, "the stand moves")
@@ -37,7 +37,7 @@ def killed(lab: Lab) -> Seen:
         done.append(state)
     assert max(took) <= WATCHDOG_MS
     count, asked = lab.states().count("imaging"), lab.states().count("recover")
-    lab.start("--resume", asks=True)
+    lab.start("--resume", attended=True)
     _until_again(lab, "imaging", count, asked)
     time.sleep(0.6)
     for pair in (1, 2):
@@ -49,49 +49,49 @@ def killed(lab: Lab) -> Seen:
             count = lab.states().count("imaging")
             until(lambda count=count: lab.states().count("imaging") > count, "imaging of the second step", 60)
             time.sleep(0.6)
-    code, said = lab.end()
-    assert code == 0, said
-    assert [one["pair"] for one in lab.logged("/pair")] == [0, 1]
-    return Seen(f"killed while {', '.join(done)}; each time taken up again, the step begun anew; both pairs once", max(took))
+    code, output = lab.end()
+    assert code == 0, output
+    assert [entry["pair"] for entry in lab.logged("/pair")] == [0, 1]
+    return Observation(f"killed while {', '.join(done)}; each time taken up again, the step begun anew; both pairs once", max(took))
 
 
 def _until_again(lab: Lab, state: str, count: int, asked: int) -> None:
-    """Until a state is reached once more; whoever asks whether to go on is told to."""
+    """Until a state is reached again; a question whether to continue is confirmed."""
     end_s = time.monotonic() + 150.0
     while lab.states().count(state) <= count:
         assert time.monotonic() < end_s, f"not in {state} again: {lab.states()[-6:]}"
         if lab.states().count("recover") > asked:
             asked += 1
-            lab.say("resume")
+            lab.enter("resume")
         time.sleep(0.05)
 
 
-def terminated(lab: Lab) -> Seen:
+def terminated(lab: Lab) -> Observation:
     took = []
     for state in ("ramping", "holding", "imaging"):
-        one = Lab(lab.folder / state, lab.stand)
-        one.over_tcp()
-        one.config["protocol"]["hold_s"] = 2.0
+        trial = Lab(lab.folder / state, lab.stand)
+        trial.over_tcp()
+        trial.config["protocol"]["hold_s"] = 2.0
         lab.stand.force_n = 0.0
         try:
-            one.start().reach(state)
+            trial.start().reach(state)
             if state == "ramping":
                 until(lambda: lab.stand.moving, "the stand moves")
             moved, began = lab.stand.moving, time.monotonic()
-            one.daemon.send_signal(signal.SIGTERM)
-            code, said = one.end()
-            assert code == 1, said
-            took.append(one.stopped_ms(began) if moved else 0.0)
-            one.nothing_is_missing()
+            trial.daemon.send_signal(signal.SIGTERM)
+            code, output = trial.end()
+            assert code == 1, output
+            took.append(trial.stopped_ms(began) if moved else 0.0)
+            trial.require_complete_log()
         finally:
-            for process in one.started:
+            for process in trial.started:
                 if process.poll() is None:
                     process.kill()
     assert max(took) <= SOON_MS, took
-    return Seen("stopping, aborted, log finished, exit code 1, in each state", max(took))
+    return Observation("stopping, aborted, log finished, exit code 1, in each state", max(took))
 
 
-def torn_log(lab: Lab) -> Seen:
+def torn_log(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"]["hold_s"] = 30.0
     lab.start().reach("holding")
@@ -108,26 +108,26 @@ def torn_log(lab: Lab) -> Seen:
     lab.daemon.send_signal(signal.SIGINT)
     code, _ = lab.end()
     assert code == 1
-    kept = len([one for one in lab.logged("/load_frame/sample")])
+    kept = len([entry for entry in lab.logged("/load_frame/sample")])
     assert kept > samples * 0.8
-    lab.nothing_is_missing()
-    return Seen("recovered, the damaged original kept beside it, taken up again with the hold in full")
+    lab.require_complete_log()
+    return Observation("recovered, the damaged original kept beside it, taken up again with the hold in full")
 
 
-def blocked_loop(lab: Lab) -> Seen:
+def blocked_loop(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"] |= {"loads_n": [800.0], "ramp_rate_n_s": 20.0}
     lab.config["load_frame"]["settings"]["watchdog_s"] = 0.0
     began = ramping(lab)
     lab.daemon.send_signal(signal.SIGUSR1)
     took_ms = stopped(lab, began, 3000.0, "stop")
-    return Seen(in_fault(lab, "control sent no signal"), took_ms)
+    return Observation(in_fault(lab, "control sent no signal"), took_ms)
 
 
-def full_disk(lab: Lab) -> Seen:
+def full_disk(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"] |= {"loads_n": [800.0], "ramp_rate_n_s": 20.0}
-    lab.start(asks=True).reach("ramping")
+    lab.start(attended=True).reach("ramping")
     until(lambda: lab.stand.moving, "the stand moves")
     (part,) = lab.log.glob("*.part")
     began = time.monotonic()
@@ -135,17 +135,17 @@ def full_disk(lab: Lab) -> Seen:
     took_ms = stopped(lab, began, 8000.0, "stop")
     time.sleep(1.0)
     resource.prlimit(lab.daemon.pid, resource.RLIMIT_FSIZE, _UNLIMITED)
-    until(lambda: "keeps up again" in lab.said(), "the log keeps up again")
+    until(lambda: "keeps up again" in lab.reported(), "the log keeps up again")
     assert lab.states()[-1] == "paused"
-    lab.say("resume")
+    lab.enter("resume")
     lab.reach("ramping", 2)
     lab.daemon.send_signal(signal.SIGINT)
     lab.end()
-    lab.nothing_is_missing()
-    return Seen("paused, motion held; when there was room everything was written, and the operator resumed", took_ms)
+    lab.require_complete_log()
+    return Observation("paused, motion held; when there was room everything was written, and the operator resumed", took_ms)
 
 
-def moved_log(lab: Lab) -> Seen:
+def moved_log(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"]["hold_s"] = 20.0
     lab.start().reach("holding")
@@ -154,16 +154,18 @@ def moved_log(lab: Lab) -> Seen:
     part.rename(away)
     time.sleep(4.0)
     lab.daemon.send_signal(signal.SIGINT)
-    code, said = lab.end()
+    code, output = lab.end()
     assert code == 1
-    assert "moved or removed the log" in said, said
+    assert "moved or removed the log" in output, output
     assert away.stat().st_size > 0
-    told = "could not be finished" in said or (lab.log / "run.000.mcap").exists()
-    assert told, said
-    return Seen("paused within 4 s, and why was said; writing went on into the renamed file; at the end: the log could not be finished")
+    reports = "could not be finished" in output or (lab.log / "run.000.mcap").exists()
+    assert reports, output
+    return Observation(
+        "paused within 4 s, and the reason was reported; writing continued in the renamed file; at the end: the log could not be finished"
+    )
 
 
-def edited_config(lab: Lab) -> Seen:
+def edited_config(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"]["hold_s"] = 30.0
     lab.start().reach("holding")
@@ -175,32 +177,32 @@ def edited_config(lab: Lab) -> Seen:
     assert lab.stand.target_n == 400.0
     lab.daemon.send_signal(signal.SIGINT)
     lab.end()
-    code, said = lab.start("--resume", "--yes").end()
-    assert code == 2, said
-    assert "loads_n" in said, said
-    return Seen("nothing changed in the run; taking it up again with another plan is refused by name (exit code 2)")
+    code, output = lab.start("--resume", "--yes").end()
+    assert code == 2, output
+    assert "loads_n" in output, output
+    return Observation("nothing changed in the run; taking it up again with another plan is refused by name (exit code 2)")
 
 
-def two_at_once(lab: Lab) -> Seen:
+def two_at_once(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"]["hold_s"] = 600.0  # longer than two more daemons take to be refused on a busy computer
     lab.start().reach("holding")
     first = lab.daemon
-    said = []
+    output = []
     for options in ((), ("--resume",)):
         code, text = lab.start(*options).end()
         assert code == 2, text
-        said.append(text)
-    assert "in use" in said[1] or "another" in said[1] or "already" in said[1], said
+        output.append(text)
+    assert "in use" in output[1] or "another" in output[1] or "already" in output[1], output
     lab.started.append(first)
     assert lab.states()[-1] == "holding"
     lab.daemon.send_signal(signal.SIGINT)
     lab.end()
-    lab.nothing_is_missing()
-    return Seen(f"refused (exit code 2): {said[1][:160]}")
+    lab.require_complete_log()
+    return Observation(f"refused (exit code 2): {output[1][:160]}")
 
 
-def still_moving(lab: Lab) -> Seen:
+def still_moving(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"] |= {"loads_n": [800.0], "ramp_rate_n_s": 5.0}
     lab.config["load_frame"]["settings"]["watchdog_s"] = 0.0
@@ -216,13 +218,13 @@ def still_moving(lab: Lab) -> Seen:
         assert began < start + 60.0, "the device is asked within a minute"
         time.sleep(0.001)
     took_ms = stopped(lab, began, 1000.0, "stop")
-    code, said = lab.end()
-    assert code == 1, said
-    assert "moved before a motion was ordered" in f"{said} {lab.said()}", said
-    return Seen("it was stopped as soon as the first reading said that it moved; not resumed by itself", took_ms)
+    code, output = lab.end()
+    assert code == 1, output
+    assert "moved before a motion was ordered" in f"{output} {lab.reported()}", output
+    return Observation("it was stopped as soon as the first reading said that it moved; not resumed by itself", took_ms)
 
 
-def jumping_clock(lab: Lab) -> Seen:
+def jumping_clock(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"]["hold_s"] = 8.0
     lab.start().reach("holding")
@@ -232,15 +234,15 @@ def jumping_clock(lab: Lab) -> Seen:
     held_s = time.monotonic() - began
     assert held_s > 7.0, held_s
     states = lab.logged("/state")
-    settled, over = (next(one for one in states if one["cause"] == cause) for cause in ("settled", "hold_over"))
+    settled, over = (next(trial for trial in states if trial["cause"] == cause) for cause in ("settled", "hold_over"))
     assert over["time_ns"] - settled["time_ns"] >= 8e9
     lab.daemon.send_signal(signal.SIGINT)
     lab.end()
-    lab.nothing_is_missing()
-    return Seen(f"the hold of 8 s lasted {(over['time_ns'] - settled['time_ns']) / 1e9:.2f} s")
+    lab.require_complete_log()
+    return Observation(f"the hold of 8 s lasted {(over['time_ns'] - settled['time_ns']) / 1e9:.2f} s")
 
 
-def suspended(lab: Lab) -> Seen:
+def suspended(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"] |= {"loads_n": [800.0], "ramp_rate_n_s": 10.0}
     lab.config["load_frame"]["settings"]["watchdog_s"] = 0.0
@@ -250,10 +252,10 @@ def suspended(lab: Lab) -> Seen:
     began = time.monotonic()
     lab.daemon.send_signal(signal.SIGCONT)
     took_ms = stopped(lab, began, 1000.0, "stop")
-    return Seen(in_fault(lab, "control sent no signal"), took_ms)
+    return Observation(in_fault(lab, "control sent no signal"), took_ms)
 
 
-def read_meanwhile(lab: Lab) -> Seen:
+def read_meanwhile(lab: Lab) -> Observation:
     lab.over_tcp()
     lab.config["protocol"]["hold_s"] = 4.0
     lab.start().reach("holding")
@@ -272,12 +274,12 @@ def read_meanwhile(lab: Lab) -> Seen:
     lab.daemon.send_signal(signal.SIGINT)
     code, _ = lab.end()
     assert code == 1
-    lab.nothing_is_missing()
+    lab.require_complete_log()
     assert most > 50
-    return Seen(f"another maker's reader opened it {looks} times and read up to {most} records; the run and its log are whole")
+    return Observation(f"another maker's reader opened it {looks} times and read up to {most} records; the run and its log are whole")
 
 
-def bombs(lab: Lab) -> Seen:
+def bombs(lab: Lab) -> Observation:
     lab.no_frame()
     lab.start().reach("imaging")
     time.sleep(0.6)
@@ -294,17 +296,19 @@ def bombs(lab: Lab) -> Seen:
     (lab.export / "bomb.png").write_bytes(_png(16_384, 16_384))
     (lab.export / "huge.png").write_bytes(_png(100_000, 100_000, rows=10))
     for name in ("bomb.png", "huge.png"):
-        until(lambda name=name: any(one["name"] == name and one["decision"] == "refused" for one in lab.logged("/sem/file")), name, 60)
+        until(
+            lambda name=name: any(entry["name"] == name and entry["decision"] == "refused" for entry in lab.logged("/sem/file")), name, 60
+        )
     grown = {name: peak_mb(pid) - before[pid] for name, pid in (("control", lab.daemon.pid), ("analysis", analysis)) if child() == analysis}
     assert all(value < 600 for value in grown.values()), grown
     for _ in range(2):
         lab.frame()
         time.sleep(0.7)
-    code, said = lab.end()
-    assert code == 0, said
-    lab.nothing_is_missing()
-    reasons = [one["reason"] for one in lab.logged("/sem/file") if one["name"] in ("bomb.png", "huge.png")]
-    return Seen(f"{' '.join(reasons)[:200]} Memory grew by at most {max(grown.values(), default=0.0):.0f} MB; the run went on")
+    code, output = lab.end()
+    assert code == 0, output
+    lab.require_complete_log()
+    reasons = [entry["reason"] for entry in lab.logged("/sem/file") if entry["name"] in ("bomb.png", "huge.png")]
+    return Observation(f"{' '.join(reasons)[:200]} Memory grew by at most {max(grown.values(), default=0.0):.0f} MB; the run went on")
 
 
 def _png(width: int, height: int, rows: int | None = None) -> bytes:

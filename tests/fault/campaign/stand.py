@@ -1,6 +1,6 @@
 """A load frame for injected faults: docs/reference/bench-registers.md over real TCP and over a pseudo-terminal.
 
-It moves in load control, has a watchdog of its own and notes when its motion stopped, and why. Written apart from the drivers.
+It moves in load control, has a watchdog, and records the time and reason of each stop. It shares no code with the drivers.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def _f32(value: float) -> list[int]:
 
 @dataclass
 class Stand:
-    """The machine. Everything that a row changes is a plain field; times are monotonic seconds."""
+    """The machine. Rows change its fields; times are monotonic seconds."""
 
     stiffness_n_mm: float = 20_000.0
     silent: bool = False
@@ -48,33 +48,33 @@ class Stand:
     trouble: int = 0
     creep_n_s: float = 0.0
     jump_mm: float = 0.0
-    tell: Callable[[float], float] = lambda force_n: force_n
+    sensor: Callable[[float], float] = lambda force_n: force_n
     refuse_motion: int = 0
     late_s: Callable[[], float] = lambda: 0.0
-    spoil: Callable[[bytes], list[tuple[float, bytes]]] = lambda frame: [(0.0, frame)]
+    corrupt: Callable[[bytes], list[tuple[float, bytes]]] = lambda frame: [(0.0, frame)]
     requests: list[bytes] = field(default_factory=list)
     stops: list[tuple[float, str]] = field(default_factory=list)
-    told: dict[int, float] = field(default_factory=dict)
+    readings: dict[int, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.lock = threading.RLock()
         self.holding = [0] * _HOLDING
         self.force_n, self.target_n, self.rate_n_s = 0.0, 0.0, 0.0
         self.moving, self._at_s, self._fed_s = False, time.monotonic(), time.monotonic()
-        self._born_s = time.monotonic()
+        self._power_on_s = time.monotonic()
         self.over = threading.Event()
-        threading.Thread(target=self._live, daemon=True).start()
+        threading.Thread(target=self._run, daemon=True).start()
 
     # ---- the machine
 
     def move(self, target_n: float, rate_n_s: float) -> None:
-        """Begin a motion, by an order or by hand at its panel."""
+        """Start a motion, by an order or at the panel."""
         with self.lock:
             self._advance()
             self.target_n, self.rate_n_s, self.moving = target_n, rate_n_s, not self.stuck
 
     def halt(self, why: str, at_s: float | None = None) -> None:
-        """Rest, since an instant that may have passed while the computer was busy with something else."""
+        """Stop at an instant, which may be in the past if the computer was busy; None for now."""
         with self.lock:
             self._advance()
             self._rest(why, at_s)
@@ -85,13 +85,13 @@ class Stand:
         self.moving = False
 
     def reboot(self) -> None:
-        """Power off and on: it rests, counts anew, and has forgotten where it was."""
+        """Switch off and on: the machine stops, and counter and position restart from 0."""
         with self.lock:
             self.halt("reboot")
             self.jump_mm = -self.force_n / self.stiffness_n_mm
-            self._born_s, self.holding = time.monotonic(), [0] * _HOLDING
+            self._power_on_s, self.holding = time.monotonic(), [0] * _HOLDING
 
-    def _live(self) -> None:
+    def _run(self) -> None:
         while not self.over.wait(0.005):
             with self.lock:
                 self._advance()
@@ -106,18 +106,18 @@ class Stand:
         self.force_n -= self.creep_n_s * passed_s
         if not self.moving:
             return
-        way = self.rate_n_s * passed_s * (-1 if self.wrong_way else 1)
+        change_n = self.rate_n_s * passed_s * (-1 if self.wrong_way else 1)
         gap = self.target_n - self.force_n
-        if not self.wrong_way and abs(gap) <= abs(way):
+        if not self.wrong_way and abs(gap) <= abs(change_n):
             self.force_n = self.target_n
             self._rest("arrived")
         else:
-            self.force_n += way if gap > 0 else -way
+            self.force_n += change_n if gap > 0 else -change_n
 
     # ---- the registers
 
     def answer(self, pdu: bytes) -> bytes | None:
-        """The reply to a request; None is silence."""
+        """The reply to a request; None for no reply."""
         with self.lock:
             self.requests.append(pdu)
             if self.silent:
@@ -125,10 +125,10 @@ class Stand:
             function, address = pdu[0], int.from_bytes(pdu[1:3])
             if function in (3, 4):
                 count = int.from_bytes(pdu[3:5])
-                known = self._inputs() if function == 4 else dict(enumerate(self.holding))
-                if any(word not in known for word in range(address, address + count)):
+                registers = self._inputs() if function == 4 else dict(enumerate(self.holding))
+                if any(word not in registers for word in range(address, address + count)):
                     return bytes([function | 0x80, 2])
-                words = [known[word] for word in range(address, address + count)]
+                words = [registers[word] for word in range(address, address + count)]
                 return bytes([function, 2 * count]) + struct.pack(f">{count}H", *words)
             if function not in (6, 16):
                 return bytes([function | 0x80, 1])
@@ -138,9 +138,9 @@ class Stand:
     def _inputs(self) -> dict[int, int]:
         self._advance()
         if not self.frozen:
-            count = int((time.monotonic() - self._born_s) * 100)
-            self.told = {0: count, 1: self.tell(self.force_n), 2: self.force_n / self.stiffness_n_mm + self.jump_mm}
-        count, force_n, extension_mm = int(self.told[0]), self.told[1], self.told[2]
+            count = int((time.monotonic() - self._power_on_s) * 100)
+            self.readings = {0: count, 1: self.sensor(self.force_n), 2: self.force_n / self.stiffness_n_mm + self.jump_mm}
+        count, force_n, extension_mm = int(self.readings[0]), self.readings[1], self.readings[2]
         state = (MOVING if self.moving else STOPPED) if self.word is None else self.word
         words = [0x5E31, 1, 3, state, *_f32(force_n), *_f32(extension_mm), *_f32(self.target_n)]
         words += [count >> 16 & 0xFFFF, count & 0xFFFF, *_f32(0.0), *_f32(5000.0)]
@@ -169,8 +169,8 @@ class Stand:
         return None
 
 
-class TcpDoor:
-    """The stand behind Modbus TCP, at a port that stays the same when the cable is out."""
+class TcpPort:
+    """The stand behind Modbus TCP, at a port that is the same after the cable was disconnected."""
 
     def __init__(self, stand: Stand) -> None:
         self._stand, self._clients = stand, list[socket.socket]()
@@ -178,16 +178,16 @@ class TcpDoor:
         self.port: int = self._listening.getsockname()[1]
         self._serve()
 
-    def cut(self) -> None:
-        """Nobody is there any more: connections are broken, new ones are refused."""
-        for one in (self._listening, *self._clients):
+    def disconnect(self) -> None:
+        """Disconnect the cable: connections are closed, new ones are refused."""
+        for connection in (self._listening, *self._clients):
             with contextlib.suppress(OSError):
-                one.shutdown(socket.SHUT_RDWR)
-            one.close()
+                connection.shutdown(socket.SHUT_RDWR)
+            connection.close()
         self._clients.clear()
 
-    def mend(self) -> None:
-        """The cable is in again."""
+    def reconnect(self) -> None:
+        """Connect the cable again."""
         self._listening = socket.create_server(("127.0.0.1", self.port))
         self._serve()
 
@@ -215,38 +215,38 @@ class TcpDoor:
                 client.sendall(struct.pack(">HHHB", number, 0, len(reply) + 1, unit) + reply)
 
 
-class RtuDoor:
+class RtuPort:
     """The stand behind Modbus RTU on a pseudo-terminal, as unit 1."""
 
     def __init__(self, stand: Stand) -> None:
         self._stand, self._over = stand, threading.Event()
-        self._ours, self._theirs = os.openpty()
-        tty.setraw(self._theirs)
-        self.path = os.ttyname(self._theirs)
+        self._device_end, self._host_end = os.openpty()
+        tty.setraw(self._host_end)
+        self.path = os.ttyname(self._host_end)
         self._thread = threading.Thread(target=self._talk, daemon=True)
         self._thread.start()
 
     def unplug(self) -> None:
-        """The adapter is pulled: its path is gone."""
+        """Remove the adapter: its path does not exist any more."""
         self._over.set()
         self._thread.join()
-        os.close(self._ours)
-        os.close(self._theirs)
+        os.close(self._device_end)
+        os.close(self._host_end)
 
     def _talk(self) -> None:
-        heard = b""
+        received = b""
         while not self._over.is_set():
-            ready = select.select([self._ours], [], [], 0.005 if heard else 0.05)[0]
+            ready = select.select([self._device_end], [], [], 0.005 if received else 0.05)[0]
             if ready:
-                heard += os.read(self._ours, 4096)
+                received += os.read(self._device_end, 4096)
                 continue
-            frame, heard = heard, b""
+            frame, received = received, b""
             if len(frame) < 4 or frame[0] != 1 or crc(frame[:-2]) != frame[-2:]:
                 continue
             reply = self._stand.answer(frame[1:-2])
             if reply is None:
                 continue
             self._over.wait(self._stand.late_s())
-            for wait_s, piece in self._stand.spoil(b"\x01" + reply + crc(b"\x01" + reply)):
+            for wait_s, piece in self._stand.corrupt(b"\x01" + reply + crc(b"\x01" + reply)):
                 self._over.wait(wait_s)
-                os.write(self._ours, piece)
+                os.write(self._device_end, piece)

@@ -1,4 +1,4 @@
-"""What a row of the campaign is."""
+"""A row of the campaign."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from lab import Lab
 
 
 class Kind(StrEnum):
-    """How near to life a fault was."""
+    """How a fault is produced."""
 
     REAL = "real"
-    """The very thing happened: to processes, files, sockets, serial lines of this system."""
+    """The fault itself, in processes, files, sockets or serial lines of this system."""
     EMULATED = "emulated"
-    """A program played the device, the cable or the clock that failed; the daemon and its sockets were real."""
+    """A program simulates the device, cable or clock with the fault; the daemon and its sockets are real."""
     WINDOWS = "needs Windows"
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What happened.
+class Observation:
+    """Result of a row.
 
     Attributes:
-        what: in words.
-        stop_ms: from the fault (or the reading that violates) to the end of motion; None where nothing moved.
+        what: description of the reaction.
+        stop_ms: time from the fault (or the first reading beyond a limit) to the end of motion, ms; None without a motion.
     """
 
     what: str
@@ -37,11 +37,11 @@ class Row:
     """A fault of the list.
 
     Attributes:
-        number: in the list.
-        fault: what is injected.
-        must: what must happen.
-        kind: how near to life it is.
-        run: injects it, and raises AssertionError where something else happens.
+        number: number in the list.
+        fault: the injected fault.
+        must: the required reaction.
+        kind: how the fault is produced.
+        run: injects the fault, and raises AssertionError for another reaction.
         short: whether CI runs it.
     """
 
@@ -49,5 +49,5 @@ class Row:
     fault: str
     must: str
     kind: Kind
-    run: Callable[[Lab], Seen]
+    run: Callable[[Lab], Observation]
     short: bool = False

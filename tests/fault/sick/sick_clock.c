@@ -1,5 +1,5 @@
-/* Preloaded into a process, a clock that is stepped: the file SICK_CLOCK holds how many seconds the wall clock is off, and a sleep that
-   is in progress during a step is refused with EINVAL, as by some virtual clocks.
+/* Preloaded into a process, a clock with steps: the file SICK_CLOCK contains the offset of the wall clock in seconds. A sleep that is in
+   progress during a step fails with EINVAL, as with some virtual clocks.
 
    cc -shared -fPIC -O1 -o sick_clock.so sick_clock.c */
 
@@ -42,10 +42,10 @@ time_t time(time_t *to) {
 }
 
 int clock_nanosleep(clockid_t clock, int flags, const struct timespec *until, struct timespec *rest) {
-    static long seen = 0;
+    static long previous = 0;
     long result = syscall(SYS_clock_nanosleep, clock, flags, until, rest), now = offset_s();
-    if (now != seen) {
-        seen = now;
+    if (now != previous) {
+        previous = now;
         return EINVAL;
     }
     return result == 0 ? 0 : errno;

@@ -1,7 +1,7 @@
-/* Preloaded into a process, a disk that fails for files below SICK_DISK_ROOT, as files in the folder SICK_DISK_SWITCHES say:
+/* Preloaded into a process, a disk with faults for files below SICK_DISK_ROOT, switched by files in the folder SICK_DISK_SWITCHES:
 
-   fsync N   the next N fsync of files return EIO, and every byte since the file's last successful fsync is lost (reads as zero),
-             as when the kernel drops dirty pages after a failed writeback; the fsync after that succeeds
+   fsync N   the next N fsync of files return EIO, and every byte since the last successful fsync of the file is lost (read as zero),
+             as when the kernel drops dirty pages after a failed writeback; the next fsync succeeds
    folder N  the next N fsync of folders return EIO
    write N   the next N writes return EIO
    full N    the next N writes return ENOSPC
@@ -19,9 +19,9 @@
 #include <sys/uio.h>
 #include <unistd.h>
 
-static struct { ino_t inode; off_t synced; } known[4096];
+static struct { ino_t inode; off_t synced; } files[4096];
 
-/* One use of a switch; 0 if it is off. */
+/* Use a switch one time; 0 if it is off. */
 static int used(const char *name) {
     char path[4096], text[32] = "";
     const char *folder = getenv("SICK_DISK_SWITCHES");
@@ -30,16 +30,16 @@ static int used(const char *name) {
     long fd = syscall(SYS_openat, AT_FDCWD, path, O_RDWR);
     if (fd < 0) return 0;
     long length = syscall(SYS_read, fd, text, sizeof text - 1);
-    int left = length > 0 ? atoi(text) : 0;
-    if (left > 0) {
-        length = snprintf(text, sizeof text, "%d        ", left - 1);
+    int remaining = length > 0 ? atoi(text) : 0;
+    if (remaining > 0) {
+        length = snprintf(text, sizeof text, "%d        ", remaining - 1);
         syscall(SYS_pwrite64, fd, text, length, 0);
     }
     syscall(SYS_close, fd);
-    return left > 0;
+    return remaining > 0;
 }
 
-static int ours(int fd) {
+static int is_below_root(int fd) {
     char link[64], path[4096];
     const char *root = getenv("SICK_DISK_ROOT");
     if (root == NULL || fd < 0) return 0;
@@ -50,7 +50,7 @@ static int ours(int fd) {
     return strncmp(path, root, strlen(root)) == 0;
 }
 
-static void lose(int fd, off_t from, off_t to) {
+static void discard(int fd, off_t from, off_t to) {
     static const char zeros[65536];
     while (from < to) {
         size_t count = to - from < (off_t)sizeof zeros ? (size_t)(to - from) : sizeof zeros;
@@ -61,34 +61,34 @@ static void lose(int fd, off_t from, off_t to) {
 
 int fsync(int fd) {
     struct stat state;
-    if (!ours(fd) || fstat(fd, &state) != 0) return syscall(SYS_fsync, fd);
+    if (!is_below_root(fd) || fstat(fd, &state) != 0) return syscall(SYS_fsync, fd);
     if (S_ISDIR(state.st_mode)) {
         if (used("folder")) { errno = EIO; return -1; }
         return syscall(SYS_fsync, fd);
     }
     if (!S_ISREG(state.st_mode) || fd >= 4096) return syscall(SYS_fsync, fd);
-    if (known[fd].inode != state.st_ino) { known[fd].inode = state.st_ino; known[fd].synced = 0; }
+    if (files[fd].inode != state.st_ino) { files[fd].inode = state.st_ino; files[fd].synced = 0; }
     if (used("fsync")) {
-        lose(fd, known[fd].synced, state.st_size);
+        discard(fd, files[fd].synced, state.st_size);
         errno = EIO;
         return -1;
     }
     int result = syscall(SYS_fsync, fd);
-    if (result == 0) known[fd].synced = state.st_size;
+    if (result == 0) files[fd].synced = state.st_size;
     return result;
 }
 
-static int refused(int fd) {
+static int fails(int fd) {
     struct stat state;
-    if (!ours(fd) || fstat(fd, &state) != 0 || !S_ISREG(state.st_mode)) return 0;
+    if (!is_below_root(fd) || fstat(fd, &state) != 0 || !S_ISREG(state.st_mode)) return 0;
     errno = used("write") ? EIO : used("full") ? ENOSPC : 0;
     return errno != 0;
 }
 
 ssize_t write(int fd, const void *data, size_t count) {
-    return refused(fd) ? -1 : syscall(SYS_write, fd, data, count);
+    return fails(fd) ? -1 : syscall(SYS_write, fd, data, count);
 }
 
 ssize_t writev(int fd, const struct iovec *pieces, int count) {
-    return refused(fd) ? -1 : syscall(SYS_writev, fd, pieces, count);
+    return fails(fd) ? -1 : syscall(SYS_writev, fd, pieces, count);
 }

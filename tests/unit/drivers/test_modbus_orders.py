@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from semlive.errors import BadConfig, LinkError
 from semlive_drivers.modbus.codec import Block, decode
 from semlive_drivers.modbus.device_map import Write
-from semlive_drivers.modbus.orders import Request, encoded, requests_of, runs_of
+from semlive_drivers.modbus.orders.requests import Request, encoded, requests_of, runs_of
 from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint
 from semlive_drivers.order_exactness import require_exact, towards_zero
 

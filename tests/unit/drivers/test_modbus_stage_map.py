@@ -6,7 +6,8 @@ import pytest
 
 from semlive.errors import BadConfig
 from semlive_drivers.modbus.registers import StageMap, overridden, stage_at
-from semlive_drivers.modbus.settings import StageSettings, checked
+from semlive_drivers.modbus.settings import StageSettings
+from semlive_drivers.settings import checked
 
 
 def test_the_usual_place_is_the_usual_map() -> None:

@@ -76,7 +76,7 @@ def test_a_hand_brings_a_load_and_types_it(desk: Desk) -> None:
     assert frame.identity.stop_on_link_loss is StopOnLinkLoss.ASSUMED
     assert (frame.identity.control, frame.identity.measures_extension) == (ControlMode.MANUAL, False)
     assert frame.order_problem(100.0, 2.0) is None
-    assert "a load that is no number cannot be asked for" in str(frame.order_problem(float("nan"), 2.0))
+    assert "a load that is no number cannot be requested" in str(frame.order_problem(float("nan"), 2.0))
     frame.ramp_to(100.0, 2.0)
     assert desk.shown == ["in MICROTEST, bring the load to 100 N at 2 N/s, then hold; type the load in N and press enter when it is there"]
     assert frame.read().motion is MotionState.MOVING

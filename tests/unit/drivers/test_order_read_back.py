@@ -7,8 +7,7 @@ import pytest
 from semlive_drivers.device_part import PartCommand
 from semlive_drivers.modbus.codec import Block, encode
 from semlive_drivers.modbus.device_map import DeviceMap, Write
-from semlive_drivers.modbus.orders import requests_of
-from semlive_drivers.modbus.read_back import (
+from semlive_drivers.modbus.orders.read_back import (
     Entry,
     Memory,
     TargetWatch,
@@ -20,6 +19,7 @@ from semlive_drivers.modbus.read_back import (
     groups_of,
     remembered,
 )
+from semlive_drivers.modbus.orders.requests import requests_of
 from semlive_drivers.modbus.registers import Kind
 
 

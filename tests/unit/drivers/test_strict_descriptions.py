@@ -9,8 +9,9 @@ import pytest
 from semlive.errors import BadConfig
 from semlive.service.config.overrides import parse_changes
 from semlive_drivers.maps import map_content, map_text
-from semlive_drivers.modbus.settings import PartSettings, checked
+from semlive_drivers.modbus.settings import PartSettings
 from semlive_drivers.operator.stage import open_stage
+from semlive_drivers.settings import checked
 from semlive_simulators.scenario import BadScenario, load_scenario
 
 

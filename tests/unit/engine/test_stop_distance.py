@@ -18,8 +18,8 @@ from semlive.engine.supervision.ramp_supervision import supervise
 from semlive.engine.supervision.stop_distance import RampCase, StopDistance, exceeds, noticeable_n, stop_distances, worst
 from semlive.service.device_link import DeviceLink
 from semlive.service.device_link.stop_pursuit import DISOBEYED_S
-from semlive_drivers.modbus.blind import CONNECT_S
 from semlive_drivers.modbus.settings import ModbusSettings
+from semlive_drivers.modbus.tcp.blind import CONNECT_S
 from semlive_drivers.text.part import TextSettings
 
 from .test_supervision import DRIVE, LIMITS, LOAD, STIFFNESS, Machine, all_frozen_from, frozen_from

@@ -360,7 +360,7 @@ def test_instruments_say_what_the_formulas_say() -> None:
     soft = build_effects({"load_frame_compliance": {"fixture_stiffness_n_mm": 4000.0}}).readings()
     assert soft.extension_mm(0.1, 1000.0) == pytest.approx(0.35)
     late = dataclasses.replace(load_scenario("paper_x200"), effects=build_effects({"timestamp_offset": {"offset_s": -2.5}}))
-    assert late.told_ns(9_000_000_000, 1_000_000_000) == 6_500_000_000
+    assert late.stamp_ns(9_000_000_000, 1_000_000_000) == 6_500_000_000
 
 
 @pytest.mark.parametrize("name", ["load_cell_zero", "load_cell_gain", "friction_hysteresis"])

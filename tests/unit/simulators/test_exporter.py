@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from semlive_simulators.exporter import ImageMetadata, encode_tiff
+from semlive_simulators.exporters.fei import encode_tiff
+from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.scenario import load_scenario
 
 END_NS = 1_772_439_825_123_456_789

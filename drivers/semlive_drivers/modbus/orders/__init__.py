@@ -1,0 +1,1 @@
+"""Orders to a device as Modbus requests, and the comparison of its registers with them."""

@@ -1,0 +1,1 @@
+"""Modbus TCP links and stops that are written without waiting for an answer."""
