@@ -90,11 +90,6 @@ def consistency(solution: Solution) -> tuple[HalfSplitCheck, ...]:
     )
 
 
-def warnings_of(agreements: tuple[HalfSplitCheck, ...]) -> tuple[HalfSplitCheck, ...]:
-    """Checks whose difference exceeds the limit."""
-    return tuple(agreement for agreement in agreements if agreement.sigmas > WARN_SIGMAS)
-
-
 BlockSelector = Callable[[MapObservations], NDArray[np.bool_]]
 
 
