@@ -194,7 +194,7 @@ def test_a_wrong_file_is_told_before_anything_is_written(folder):
         (["ref.tif", "a.tif", "--shape", "cubic"], "--shape cubic: no such choice; give affine or quadratic"),
         (["ref.tif", "a.tif", "--search", "0"], "--search 0: must be more than 0"),
         (["ref.tif", "a.tif", "--roi", "1,2,3"], "--roi 1,2,3: is not four whole numbers"),
-        (["ref.tif", "a.tif", "--subset", "101"], "no subset of 101 px fits into the whole frame"),
+        (["ref.tif", "a.tif", "--subset", "101"], "no subset of 101 px fits into the complete frame"),
         (["ref.tif", "a.tif", "--out", "."], "is a folder"),
         (["ref.tif", "a.tif", "b.tif", "--out", "text.tif"], "cannot be made"),
     ],

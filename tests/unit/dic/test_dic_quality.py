@@ -70,10 +70,10 @@ def test_a_good_pattern_is_not_warned_about(lab, scene):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda grey: 128.0 + 0.2 * (grey - 128.0), r"contrast is 7\.\d grey levels \(at least 10 are wanted\): raise"),
+        (lambda grey: 128.0 + 0.2 * (grey - 128.0), r"contrast is 7\.\d grey levels \(at least 10 are needed\): increase"),
         (lambda grey: 128.0 + 4.0 * (grey - 128.0), r"% of the pixels are saturated .* reduce the contrast of the detector"),
-        (noisy, r"noise of 0\.0\d+ px .* use a subset of \d+ px, or dwell \d\.\d times as long"),
-        (lambda grey: np.where(np.arange(300) < 150, 128.0, grey), r"\d+ % of the points have too little contrast .* mask what"),
+        (noisy, r"noise of 0\.0\d+ px .* use a subset of \d+ px, or increase the dwell time \d\.\d times"),
+        (lambda grey: np.where(np.arange(300) < 150, 128.0, grey), r"\d+ % of the points have too little contrast .* mask areas"),
     ],
 )
 def test_a_poor_pattern_is_named_with_its_figure_and_the_remedy(lab, scene, change, words):
@@ -131,7 +131,7 @@ def test_what_the_mask_hides_does_not_count(lab, scene):
 
 def test_a_mask_of_nothing_is_refused(lab, scene):
     image = lab.expose(scene(), 5.0, 3)
-    with pytest.raises(BadInput, match="the mask leaves no pixel"):
+    with pytest.raises(BadInput, match="the mask excludes every pixel"):
         quality(image, settings=SETTINGS, mask=np.zeros(image.shape, dtype=bool))
     with pytest.raises(BadInput, match="give a mask of its size"):
         quality(image, settings=SETTINGS, mask=np.ones((3, 3), dtype=bool))
