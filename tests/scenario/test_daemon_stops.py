@@ -74,9 +74,10 @@ INTERRUPTED = """
 import signal, sys
 
 where, config = sys.argv[1:]
+module, function = where.split(".")
 
 def look(frame, event, _):
-    if event == "call" and frame.f_code.co_name == where and frame.f_code.co_filename.endswith("daemon.py"):
+    if event == "call" and frame.f_code.co_name == function and frame.f_code.co_filename.endswith(module + ".py"):
         sys.setprofile(None)
         signal.raise_signal(signal.SIGINT)
 
@@ -88,7 +89,13 @@ main()
 """
 
 
-@pytest.mark.parametrize("where", ["run", "_open_clock", "_open_log", "_experiment", "_open_socket", "_open_links", "_loop"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        *("daemon.run", "run_folder.open_clock", "run_folder.open_log", "daemon._experiment", "daemon._open_socket"),
+        *("devices.open_links", "protocol_loop.run"),
+    ],
+)
 def test_ctrl_c_is_heard_at_every_stage_of_starting(instrument: Callable[..., Any], where: str) -> None:
     """Between the handler and the run's control there was nobody to tell, and the run went on to its end."""
     one = instrument(f"starting-{where}")
