@@ -107,22 +107,22 @@ class OpenFrame:
 
 
 class OpenFrames(Sequence[OpenFrame]):
-    """Frames by number; each is corrected when it is asked for, so memory holds those that you keep."""
+    """Frames by number. A frame is corrected when it is accessed, so that memory holds only the frames that the caller keeps."""
 
-    def __init__(self, done: ReplayResult, told: Sequence[Mapping[str, Any]]) -> None:
-        self._done, self._told = done, told
-        self._place = {one["frame"]: at for at, one in enumerate(told)}
+    def __init__(self, done: ReplayResult, entries: Sequence[Mapping[str, Any]]) -> None:
+        self._done, self._entries = done, entries
+        self._index = {entry["frame"]: index for index, entry in enumerate(entries)}
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Numbers of all frames, ascending; where a pair was left out, its two are not there."""
-        return tuple(self._place)
+        """Numbers of all frames in ascending order, without the frames of pairs that were not accepted."""
+        return tuple(self._index)
 
     def __len__(self) -> int:
-        return len(self._told)
+        return len(self._entries)
 
     def __iter__(self) -> Iterator[OpenFrame]:
-        return (self[number] for number in self._place)
+        return (self[number] for number in self._index)
 
     @overload
     def __getitem__(self, number: int) -> OpenFrame: ...
@@ -137,26 +137,26 @@ class OpenFrames(Sequence[OpenFrame]):
             IndexError: there is no such frame.
         """
         if isinstance(number, slice):
-            return [self[one] for one in self.numbers[number]]
+            return [self[selected] for selected in self.numbers[number]]
         if number < 0 and -number <= len(self):
             number = self.numbers[number]
-        if number not in self._place:
+        if number not in self._index:
             raise IndexError(f"there is no frame {number}; the numbers are {self.numbers[0]} ... {self.numbers[-1]}")
-        return self._opened(self._told[self._place[number]])
+        return self._opened(self._entries[self._index[number]])
 
-    def _opened(self, told: Mapping[str, Any]) -> OpenFrame:
-        frame: FrameResult = pipeline.correct_frame(self._done.analysis, self._done.solution, told["frame"])
-        means = {"strain_mean": told["strain_mean"], "strain_mean_sigma": told["strain_mean_sigma"]}
-        return OpenFrame(number=told["frame"], phase=told["phase"], load_n=told["load_n"], **frame_fields(frame), **means)
+    def _opened(self, entry: Mapping[str, Any]) -> OpenFrame:
+        frame: FrameResult = pipeline.correct_frame(self._done.analysis, self._done.solution, entry["frame"])
+        means = {"strain_mean": entry["strain_mean"], "strain_mean_sigma": entry["strain_mean_sigma"]}
+        return OpenFrame(number=entry["frame"], phase=entry["phase"], load_n=entry["load_n"], **frame_fields(frame), **means)
 
 
 class OpenLog:
-    """A log, analysed: what `open_log` gives."""
+    """The analysis of a log; returned by `open_log`."""
 
     def __init__(self, path: Path, done: ReplayResult) -> None:
         self._path, self._done = path, done
-        self._story: RunMetadata = run_metadata(path, done)
-        self.frames = OpenFrames(done, self._story.result_json["frames"])
+        self._metadata: RunMetadata = run_metadata(path, done)
+        self.frames = OpenFrames(done, self._metadata.result_json["frames"])
 
     def __repr__(self) -> str:
         grid = self._done.analysis.grid
@@ -165,32 +165,32 @@ class OpenLog:
 
     @property
     def result(self) -> Mapping[str, Any]:
-        """What `semlive replay --json` prints."""
-        return self._story.result_json
+        """The JSON object of `semlive replay --json`."""
+        return self._metadata.result_json
 
     @property
     def configuration(self) -> Mapping[str, Any]:
-        """The run's configuration as it stands in the log."""
-        return self._story.configuration
+        """The configuration of the run that the log stores."""
+        return self._metadata.configuration
 
     @property
     def settings(self) -> Mapping[str, Any]:
         """Every analysis setting by its name, as ``--set`` takes it."""
-        return self._story.settings
+        return self._metadata.settings
 
     @property
     def load(self) -> LoadSeries | None:
         """Load as sampled; None without a load frame."""
-        return self._story.load
+        return self._metadata.load
 
     @property
     def elastic(self) -> Mapping[str, float]:
-        """Elastic constants and their uncertainties by name; empty where loads or cross-section do not tell them."""
-        return constants(self._story)
+        """Elastic constants and their uncertainties by name; empty without loads or cross-section."""
+        return constants(self._metadata)
 
     @property
     def warnings(self) -> Sequence[str]:
-        """Sentences for the operator."""
+        """Messages for the operator."""
         return self.result["warnings"]
 
     @cached_property
@@ -206,7 +206,7 @@ class OpenLog:
     @property
     def series(self) -> dict[str, Array]:
         """(frames,) columns: when, phase, load, shift, mean strain with its uncertainty; ``pandas.DataFrame(log.series)``."""
-        return {**frame_series(self._story), "phase": np.array(phases(self._story))}
+        return {**frame_series(self._metadata), "phase": np.array(phases(self._metadata))}
 
     def to_xarray(self, frames: Sequence[int] | None = None) -> xarray.Dataset:
         """Fields over (frame, y, x), NaN where not measured, with units as attributes.

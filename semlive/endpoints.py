@@ -27,9 +27,9 @@ def serial_name(path: str) -> str:
 
 
 def addresses_of(host: str) -> list[str]:
-    """What a host is called in locks: its numeric addresses, or one word for all addresses of this computer.
+    """Names of a host in locks: its numeric addresses, or one name for all addresses of this computer.
 
-    A name that cannot be resolved stands for itself.
+    A host name that cannot be resolved is used as it is.
     """
     try:
         found = {str(entry[4][0]) for entry in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}

@@ -1,25 +1,25 @@
-"""What can go wrong, as one tree.
+"""The error classes of semlive, as a tree.
 
 SemliveError                every error that semlive raises on purpose
-+-- BadInput                something the user gave is wrong: says what, where, what to do (exit code 2)
++-- BadInput                invalid input of the user; the message states what, where, what to do (exit code 2)
 |   +-- BadConfig           the configuration file
-|   +-- BadImage            an exported image that cannot be read or believed
-|   +-- BadLog              an MCAP log that cannot be read or lacks what is asked of it
-+-- LinkError               a device link: refused, timed out, lost, or answering nonsense
-|   +-- LinkRefused         nobody answers at the configured address when the run starts (exit code 2)
-+-- IllPosed                the data cannot determine what is asked of them, and why
-    +-- PoorCalibration     nothing under load is corrected with it (exit code 2)
+|   +-- BadImage            an exported image that cannot be read or trusted
+|   +-- BadLog              an MCAP log that cannot be read or lacks required messages
++-- LinkError               a device link: refused, timed out, lost, or with invalid replies
+|   +-- LinkRefused         no device replies at the configured address when the run starts (exit code 2)
++-- IllPosed                the data do not determine the requested quantity; the message states why
+    +-- PoorCalibration     the distortion is not determined well enough to correct frames under load (exit code 2)
 """
 
 from __future__ import annotations
 
 
 class SemliveError(Exception):
-    """Base of all errors that semlive raises on purpose; the message is one sentence for the operator."""
+    """Base of all errors that semlive raises on purpose; the message is a single line for the operator."""
 
 
 class BadInput(SemliveError):
-    """Something the user gave is wrong; the message says what, where and what to do."""
+    """Invalid input of the user; the message states what, where and what to do."""
 
 
 class BadConfig(BadInput):
@@ -27,23 +27,23 @@ class BadConfig(BadInput):
 
 
 class BadImage(BadInput):
-    """An exported image cannot be read, or must not be believed."""
+    """An exported image cannot be read, or must not be trusted."""
 
 
 class BadLog(BadInput):
-    """A log cannot be read, or lacks what is asked of it."""
+    """A log cannot be read, or lacks required messages."""
 
 
 class LinkError(SemliveError):
-    """A device link is lost, too slow, or answers nonsense."""
+    """A device link is lost or too slow, or its replies are invalid."""
 
 
 class LinkRefused(LinkError, BadInput):
-    """Nobody answers at the configured address when the run starts."""
+    """No device replies at the configured address when the run starts."""
 
 
 class IllPosed(SemliveError):
-    """The data cannot determine what is asked of them; the message says what is missing."""
+    """The data do not determine the requested quantity; the message states what is missing."""
 
 
 class PoorCalibration(IllPosed, BadInput):

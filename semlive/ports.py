@@ -78,11 +78,11 @@ class StopMethods(Protocol):
 
     @property
     def stop_methods(self) -> tuple[str, ...]:
-        """What each further way does, in words: ``enable off``, ``speed 0``; the plain stop is not among them."""
+        """Description of each further method: ``enable off``, ``speed 0``; the plain stop is not included."""
         ...
 
     def stop_by(self, method: int) -> None:
-        """Stop by the way of this index; raises LinkError."""
+        """Stop by the method of this index; raises LinkError."""
         ...
 
 
@@ -106,7 +106,7 @@ class OrderRecall(Protocol):
 
 @runtime_checkable
 class Stage(Protocol):
-    """Something that translates the specimen (or the beam). Every method may raise LinkError."""
+    """A device that translates the specimen or the beam. Every method may raise LinkError."""
 
     @property
     def identity(self) -> DeviceIdentity:
@@ -137,10 +137,10 @@ class Stage(Protocol):
 
 @runtime_checkable
 class Trigger(Protocol):
-    """Something that makes the SEM scan one frame."""
+    """A device that makes the SEM scan one frame."""
 
     def scan_once(self) -> None:
-        """Ask for one frame; returns when the request was taken."""
+        """Request one frame; returns when the request was accepted."""
         ...
 
     def close(self) -> None:
@@ -150,18 +150,18 @@ class Trigger(Protocol):
 
 @runtime_checkable
 class OperatorInterface(Protocol):
-    """Where drivers tell and ask a person; answers may come from elsewhere too."""
+    """Messages and questions of drivers to the operator; answers may come from other sources too."""
 
-    def subscribe(self, heard: Callable[[OperatorPrompt], object]) -> None:
-        """Tell `heard` every word from now on, from whichever thread it is said in; in place of whoever followed before."""
+    def subscribe(self, receive: Callable[[OperatorPrompt], object]) -> None:
+        """Call `receive` with every later prompt, in the thread that issues it; replaces the previous subscriber."""
         ...
 
-    def add_answer_source(self, heard: Callable[[str], bool]) -> None:
-        """Give every line that is typed there from now on to `heard` first; what it says True to answers no question."""
+    def add_answer_source(self, receive: Callable[[str], bool]) -> None:
+        """Pass every later input line to `receive` first; a line for which it returns True answers no question."""
         ...
 
     def answer(self, question: int, line: str) -> bool:
-        """Answer a question; False if it is not open any more. A line that does not answer it is told so, and it stays open."""
+        """Answer a question; return False if it is not open. An invalid answer is reported to the operator; the question stays open."""
         ...
 
 

@@ -31,7 +31,7 @@ else:
     import pwd
 
 _BACKLOG = 4096
-"""Each refused process leaves an entry in the queue of the holder's socket, which is never emptied."""
+"""Each refused process adds an entry to the queue of the holder's socket, which is never emptied."""
 _CONNECT_TRIES = 3
 _LONGEST_COMMAND = 120
 _ERROR_ACCESS_DENIED, _ERROR_ALREADY_EXISTS = 5, 183
@@ -39,7 +39,7 @@ _ERROR_ACCESS_DENIED, _ERROR_ALREADY_EXISTS = 5, 183
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Who holds a lock, as far as the system tells.
+    """The process that holds a lock, as far as the system reports it.
 
     Attributes:
         pid: process number; 0 if unknown.
@@ -195,7 +195,7 @@ def _user(uid: int) -> str:
 
 
 def _command(pid: int) -> str:
-    """How a process was started, without the paths of interpreter and program, where the system tells."""
+    """How a process was started, without the paths of interpreter and program, where the system provides it."""
     try:
         words = Path(f"/proc/{pid}/cmdline").read_bytes().decode("utf-8", "replace").split("\0")
     except OSError:

@@ -367,10 +367,10 @@ def correlate_rows(
 ):  # fmt: skip
     """Rows first..last-1 of POI by `correlate_row`; slicing the rows of arrays here takes a tenth of the time of slicing in Python."""
     for j in range(first, last):
-        wanted = False
+        any_todo = False
         for i in range(todo.shape[1]):
-            wanted = wanted or todo[j, i] != SKIP
-        if wanted:
+            any_todo = any_todo or todo[j, i] != SKIP
+        if any_todo:
             correlate_row(
                 c, stride_c, order, planes, valid, pitch, row_weights, ramp, width, y0 + j * step, x0, step, half, pixels[j], mean[j],
                 norm[j], gradient_sum[j], gradient_image_sum[j], lower[j], todo[j], seed[j], max_iterations, tolerance_px, min_zncc,

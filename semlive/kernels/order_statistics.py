@@ -61,17 +61,17 @@ def _narrowed(bits, n, k, shift):
     mask, most = np.uint32(BINS - 1), np.uint32(0xFFFFFFFF)
     for i in range(n):
         count[i & 1, (bits[i] >> shift) & mask] += 1
-    wanted, before = _bin_of(count[0] + count[1], k)
-    inside = count[0, wanted] + count[1, wanted]
+    rank_bin, before = _bin_of(count[0] + count[1], k)
+    inside = count[0, rank_bin] + count[1, rank_bin]
     some = np.empty(n + 1, dtype=np.uint32)
     m = 0
     for i in range(n):  # without a branch, which could not be predicted
         some[m] = bits[i]
-        m += np.int64((bits[i] >> shift) & mask == wanted)
+        m += np.int64((bits[i] >> shift) & mask == rank_bin)
     least = most
     if before + inside == k + 1:
         for i in range(n):
-            least = min(least, bits[i] if (bits[i] >> shift) & mask > wanted else most)
+            least = min(least, bits[i] if (bits[i] >> shift) & mask > rank_bin else most)
     return some, inside, before, least
 
 

@@ -28,7 +28,7 @@ AFFINE_COLUMN_SUMS, QUADRATIC_SUMS = 18, 28  # column sums of float32
 # Their places: pairs gx gx, gx gy, gy gy by three powers of dy each; gx f, gy f, gx, gy by two; valid; the rest for second order.
 PRODUCT, WITH_IMAGE, ALONE, VALID, PRODUCT_HIGH, WITH_IMAGE_HIGH, ALONE_HIGH = 0, 9, 13, 17, 18, 24, 26
 POWERS = 5  # of dx and dy in the products of second order
-TOP_AFFINE = np.array([2, 1, 0, 2, 1, 0, 2, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 0])  # power of dx that each sum is wanted with
+TOP_AFFINE = np.array([2, 1, 0, 2, 1, 0, 2, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 0])  # power of dx of each sum
 TOP_QUADRATIC = np.array([4, 3, 2, 4, 3, 2, 4, 3, 2, 2, 1, 2, 1, 2, 1, 2, 1, 0, 1, 0, 1, 0, 1, 0, 0, 0, 0, 0])
 
 
@@ -71,7 +71,7 @@ def noise_stencils(image, step, out):
 def fill_planes(image, weights, planes, first, last, gain_x, gain_y):
     """Rows first..last-1 of `planes`: grey levels and scaled Sobel derivatives of an image, zero in the padding and where `weights` is.
 
-    The derivatives are those of `sobel_rows`, written where they are wanted: no image of them is made and copied.
+    The derivatives are those of `sobel_rows`, written directly to their destination, without a temporary image.
     """
     height, width = image.shape
     eighth, two, zero = np.float32(0.125), np.float32(2.0), np.float32(0.0)
