@@ -158,7 +158,7 @@ def _tcp(key: str, host: str, port: int, unit: int) -> Finding:
                 observation = f"no device can be reserved for a run ({error.strerror or error})"
                 return Finding(key, observation, Verdict.FAILED, "allow semlive unix sockets (AF_UNIX), see docs/how-to/deploy.md")
             if isinstance(lock, Holder):
-                observation = f"{host}:{port} unit {unit} is used by another semlive process, {lock}"
+                observation = f"{host}:{port} unit {unit} is driven by another semlive already, {lock}"
                 return Finding(key, observation, Verdict.FAILED, "stop that run first, or correct the endpoint")
             stack.callback(lock.release)
         return _listens(key, host, port)

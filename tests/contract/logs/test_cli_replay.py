@@ -135,7 +135,7 @@ def test_what_is_wrong_with_a_setting_is_one_sentence(short: Path, word: str) ->
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--from-images", "--from-disparity"), "give one of them"),
+        (("--from-images", "--from-disparity"), "give only one of them"),
         (("--speed", "0"), "give a number above 0"),
         (("--model", "model.json"), "give a file that `semlive diagnose LOG -o FILE` wrote"),
         (("--set", "dic.subset=31"), "starts from disparity maps; give a log with images and --from-images."),

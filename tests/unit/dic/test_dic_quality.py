@@ -70,7 +70,7 @@ def test_a_good_pattern_is_not_warned_about(lab, scene):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda grey: 128.0 + 0.2 * (grey - 128.0), r"contrast is 7\.\d grey levels \(at least 10 are needed\): increase"),
+        (lambda grey: 128.0 + 0.2 * (grey - 128.0), r"contrast of the pattern is 7\.\d grey levels \(at least 10 are needed\): increase"),
         (lambda grey: 128.0 + 4.0 * (grey - 128.0), r"% of the pixels are saturated .* reduce the contrast of the detector"),
         (noisy, r"noise of 0\.0\d+ px .* use a subset of \d+ px, or increase the dwell time \d\.\d times"),
         (lambda grey: np.where(np.arange(300) < 150, 128.0, grey), r"\d+ % of the points have too little contrast .* mask areas"),

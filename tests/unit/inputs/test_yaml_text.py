@@ -89,7 +89,7 @@ def test_values_are_those_of_yaml_1_2(text: str, value: object) -> None:
         ("a:\n\tb: 1", "line 2 is indented with a tab"),
         ("a: 1\n---\na: 2", "line 2: a second document"),
         ("%YAML 1.1\n---\na: 1", "only YAML 1.2 is read"),
-        ("? [a]\n: b", "a key must be one word"),
+        ("? [a]\n: b", "a key must be text or an integer"),
         ("a: [b\nc: }", "line 2 is not YAML"),
         ("a: \x07", "line 1 is not YAML"),
         (b"a: 1\nb: \xff", "line 2: is not UTF-8"),

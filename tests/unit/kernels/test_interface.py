@@ -60,7 +60,7 @@ def test_functions_refuse_wrong_images():
 
 @pytest.mark.parametrize("change", [{"x0_px": 4}, {"y0_px": 4}, {"shape": (3, 9)}, {"shape": (6, 4)}, {"half_px": 11}, {"step_px": 0}])
 def test_subsets_must_lie_in_the_image(change):
-    with pytest.raises(ValueError, match="leave the 50 x 40 px image"):
+    with pytest.raises(ValueError, match="are outside the 50 x 40 px image"):
         interface.subset_sums(IMAGE, IMAGE, IMAGE, **{**GRID, **change})
 
 
