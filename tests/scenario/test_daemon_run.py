@@ -101,7 +101,7 @@ def test_a_log_s_pairs_correlated_by_two_processes_are_the_live_result(finished:
     (live,) = logged(finished.log, "/result")
     (done,) = reanalyse([ReplayRequest(finished.log)], tmp_path / "out", lambda: process_pool(2))
     assert done.error is None
-    assert json.dumps(done.told, sort_keys=True) == json.dumps(live, sort_keys=True)
+    assert json.dumps(done.result, sort_keys=True) == json.dumps(live, sort_keys=True)
 
 
 def test_another_subset_needs_the_images(finished: Any) -> None:

@@ -67,7 +67,8 @@ def check(
     settings["orders"] = orders
     result = _checker()(description, settings, open_clock(None))
     if as_json:
-        sys.stdout.write(json.dumps({**asdict(result), "sound": result.passed}) + "\n")
+        findings = [finding.to_json() for finding in result.findings]
+        sys.stdout.write(json.dumps({**asdict(result), "findings": findings, "sound": result.passed}) + "\n")
     else:
         _show(result)
     if not result.passed:
