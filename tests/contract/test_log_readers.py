@@ -13,7 +13,6 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from semlive.data.displacement import Displacement
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import DistortionField, DriftEstimate, EstimateRevision
@@ -23,7 +22,7 @@ from semlive.data.grid import Grid
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import FrameResult, PairResult
 from semlive.data.scan import Provenance, ScanTiming, Sourced
-from semlive.data.strain import ElasticConstants, MeasuredValue, StrainField, StrainSummary, Tensor2
+from semlive.data.strain import Displacement, ElasticConstants, MeasuredValue, StrainField, StrainSummary, Tensor2
 from semlive.formats.log import conversions as values
 from semlive.formats.log.foxglove import IMAGE_TOPICS, SEM_IMAGE
 from semlive.formats.log.messages import (

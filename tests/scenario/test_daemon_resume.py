@@ -22,7 +22,7 @@ from semlive.errors import BadConfig
 from semlive.formats.log.messages import LoadSampleMessage
 from semlive.formats.log.reader import LogMessage
 from semlive.service.analysis.messages import INPUT_TOPICS, READY_TEXT, is_output
-from semlive.service.analysis.pipe import read_message
+from semlive.service.analysis.pipe import AnalysisReady, Heartbeat, read_message
 from semlive.service.analysis.step import WorkerState, background_work, process_message
 from semlive.service.config.configuration import load_config
 from semlive.service.control.resume import read_previous_segments
@@ -179,7 +179,8 @@ def analysed_again(log: Path) -> list[LogMessage]:
     stream = BytesIO(subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ENDS_S, check=True).stdout)
     outputs = []
     while (message := read_message(stream)) is not None:
-        outputs.append(message)
+        if not isinstance(message, Heartbeat):
+            outputs.append(message.line if isinstance(message, AnalysisReady) else message)
     return outputs
 
 

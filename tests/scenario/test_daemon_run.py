@@ -21,7 +21,7 @@ from semlive.formats.log.messages import DISPLACEMENT_FIELD, STRAIN_FIELD
 from semlive.formats.log.reader import LogMessage
 from semlive.report.campaign import process_pool, reanalyse
 from semlive.service.analysis.messages import INPUT_TOPICS
-from semlive.service.analysis.pipe import read_message
+from semlive.service.analysis.pipe import AnalysisReady, Heartbeat, read_message
 from semlive.service.analysis.result_json import result_json
 from semlive.service.analysis.step import WorkerState, process_message
 from semlive.service.config.overrides import parse_changes
@@ -138,7 +138,8 @@ def analysed_again(log: Path) -> list[LogMessage]:
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=250, check=True)
     stream, outputs = BytesIO(done.stdout), []
     while (message := read_message(stream)) is not None:
-        outputs.append(message)
+        if not isinstance(message, Heartbeat):
+            outputs.append(message.line if isinstance(message, AnalysisReady) else message)
     return outputs
 
 

@@ -35,7 +35,7 @@ def test_what_is_missing_is_said_once_and_what_to_ask(done: Any) -> None:
     (fault,) = [payload for topic, payload in told if topic == "/fault" and payload["what"].startswith(SAID)]
     assert fault["where"] == "estimate with pair 4"  # the fifth: with fewer nothing can be said
     assert "semlive diagnose LOG" in fault["action"]
-    assert "seen by frame" in fault["what"]
+    assert "test over the frame" in fault["what"]
     # The run went on, and its end says what is left of all pairs.
     assert sum(topic == "/pair" for topic, _ in told) == PAIRS
     (result,) = [payload for topic, payload in told if topic == "/result"]

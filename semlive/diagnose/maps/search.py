@@ -118,7 +118,7 @@ def _without_coarse(state: Search, fine: CandidateEvidence) -> Search:
     )
     return replace(
         state,
-        bare=baseline,
+        baseline=baseline,
         baseline_with_effects=baseline_with_effects,
         effects=effects,
         fine_scale_candidates=residual,

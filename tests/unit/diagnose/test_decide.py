@@ -94,7 +94,7 @@ def test_runs_that_were_scanned_alike_decide_nothing() -> None:
 
 
 def test_runs_on_other_points_are_refused() -> None:
-    with pytest.raises(IllPosed, match="different sizes"):
+    with pytest.raises(IllPosed, match="different grids or frame sizes"):
         compare_runs((run(45, grid=COARSE), run(1045, (), HALF, 45, Grid(101, 101, 60, 12, 10, 43))))
 
 
