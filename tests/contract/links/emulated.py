@@ -6,6 +6,7 @@ device with one processor does.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import select
@@ -92,16 +93,12 @@ def _accept(listening: socket.socket, device: Device) -> None:
 
 
 def _serve(client: socket.socket, device: Device) -> None:
-    with client, client.makefile("rb") as stream:
+    with contextlib.suppress(ConnectionError), client, client.makefile("rb") as stream:  # the other side may reset its connection
         while len(head := stream.read(7)) == 7:
             number, _, length, unit = struct.unpack(">HHHB", head)
             reply = device.answer(stream.read(length - 1))
-            if device.silent:
-                continue
-            try:
+            if not device.silent:
                 client.sendall(struct.pack(">HHHB", number, 0, len(reply) + 1, unit) + reply)
-            except OSError:
-                return
 
 
 @contextmanager
