@@ -55,7 +55,7 @@ class _Helper(Generic[A]):
             self._over.release()
 
     def wait(self) -> bool:
-        """Until the work is done; False where it has not begun, and then never does."""
+        """Wait until the work is done; return False, and cancel the work, if it has not started."""
         if self._begun.acquire(blocking=False):
             _helping.pop()
             return False
@@ -70,7 +70,7 @@ class _Helper(Generic[A]):
 
 
 def _helper(work: Callable[[], A]) -> _Helper[A] | None:
-    """Work begun in a thread of its own, unless as many as are allowed are at work."""
+    """Start work in a separate thread, unless the permitted number of threads is busy."""
     _helping.append(None)  # first, so that of two who ask at once at most too few are served
     if len(_helping) >= thread_count():
         _helping.pop()

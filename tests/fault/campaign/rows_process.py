@@ -52,7 +52,7 @@ def killed(lab: Lab) -> Observation:
     code, output = lab.end()
     assert code == 0, output
     assert [entry["pair"] for entry in lab.logged("/pair")] == [0, 1]
-    return Observation(f"killed while {', '.join(done)}; each time taken up again, the step begun anew; both pairs once", max(took))
+    return Observation(f"killed while {', '.join(done)}; resumed each time, the step repeated; both pairs once", max(took))
 
 
 def _until_again(lab: Lab, state: str, count: int, asked: int) -> None:

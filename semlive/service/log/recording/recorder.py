@@ -7,7 +7,7 @@ reads both from `backlog_message` and pauses the run: telemetry continues into m
 no message is discarded. When the queue is full, `write` raises, which stops the devices and ends the run.
 
 A message stays in memory until an fsync that covers it has succeeded (at most 10 s or 64 MB beyond the queue); see `disk_writer` for
-failed fsyncs. A segment is written as ``<name>.part`` and renamed when it is complete. A large segment is finished and the next one begun,
+failed fsyncs. A segment is written as ``<name>.part`` and renamed when it is complete. A large segment is finished and a new one started,
 so that a loss of power can damage, and a failed fsync can repeat, only the newest segment.
 """
 
