@@ -25,10 +25,10 @@ HEADROOM = 1.02
 
 def no_response(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
     """NO_RESPONSE: no noticeable load change since the anchor, although the ordered change exceeds the largest unverified load."""
-    unverified_s, noticeable_n = seconds_between(ramp.anchor, sample), readings.noticeable_n(ramp)
-    if readings.identity.control is ControlMode.DISPLACEMENT or ramp.since_anchor < MIN_READINGS or unverified_s <= MIN_UNVERIFIED_S:
+    unverified_s, noticeable_n = seconds_between(ramp.anchor.sample, sample), readings.noticeable_n(ramp)
+    if readings.identity.control is ControlMode.DISPLACEMENT or ramp.anchor.readings < MIN_READINGS or unverified_s <= MIN_UNVERIFIED_S:
         return None
-    travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
+    travel_mm = abs(sample.extension_mm - ramp.anchor.sample.extension_mm)
     reason = f"the load reading stays at {sample.force_n:.1f} N for {unverified_s:.1f} s although the device moves"
     advice = "check the load cell, its amplifier and the grips"
     near = abs(ramp.target_n - sample.force_n) <= readings.near_n(ramp)
@@ -56,11 +56,13 @@ def overdue(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> Findin
     does not show that the load is constant, the load may increase unobserved; the headroom below the force limit then shortens the time.
     """
     near = abs(ramp.target_n - sample.force_n) <= readings.near_n(ramp)
-    if not near or ramp.since_anchor < MIN_READINGS or readings.identity.control is ControlMode.DISPLACEMENT:
+    if not near or ramp.anchor.readings < MIN_READINGS or readings.identity.control is ControlMode.DISPLACEMENT:
         return None
-    unverified_s = seconds_between(ramp.anchor, sample)
+    unverified_s = seconds_between(ramp.anchor.sample, sample)
     max_s = max(ARRIVED_AND_MOVING_S, readings.near_n(ramp) / ramp.rate_n_s)
-    load_constant = _readings_change(readings, ramp) and _load_constant(readings, ramp, abs(sample.extension_mm - ramp.anchor.extension_mm))
+    load_constant = _readings_change(readings, ramp) and _load_constant(
+        readings, ramp, abs(sample.extension_mm - ramp.anchor.sample.extension_mm)
+    )
     if unverified_s <= (max_s if load_constant else min(max_s, max(_headroom_s(readings, ramp, sample), START_S))):
         return None
     what = (
@@ -81,4 +83,4 @@ def _load_constant(readings: Readings, ramp: OrderedRamp, travel_mm: float) -> b
 def _readings_change(readings: Readings, ramp: OrderedRamp) -> bool:
     """Whether a reading of load or extension changed since the anchor; exactly constant readings do not even prove rest."""
     channels = (readings.force_noise, readings.extension_noise) if readings.identity.measures_extension else ()
-    return any(len(set(channel.recent[-ramp.since_anchor :])) > 1 for channel in channels)
+    return any(len(set(channel.recent[-ramp.anchor.readings :])) > 1 for channel in channels)

@@ -41,6 +41,21 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
+class Progress:
+    """A reading of a ramp up to which the load is known to have moved.
+
+    Attributes:
+        sample: the reading; the time of later rests is added to its time.
+        mean_n: mean of the latest force readings then, N; a single high reading would hide later progress.
+        readings: number of readings since.
+    """
+
+    sample: LoadSample
+    mean_n: float
+    readings: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class OrderedRamp:
     """A ramp that was ordered.
 
@@ -49,10 +64,11 @@ class OrderedRamp:
         rate_n_s: rate of the load, N/s, > 0.
         tolerance_n: allowed deviation of the load from its target, N.
         start: the last sample before the order.
-        anchor: the sample at which the load last moved noticeably towards the target.
-        anchor_n: mean of the latest readings at `anchor`, N; a single high reading would hide later progress.
+        anchor: the last reading up to which the load moved noticeably towards the target.
+        midway: the first reading since the anchor at half of a noticeable change; None before. It is the next anchor.
         noise_n: largest value of `Readings.noticeable_n` in this ramp, N, because the estimate of the noise scatters.
-        since_anchor: number of readings since `anchor`.
+        moved: the device has reported motion in this ramp.
+        arrived: the device has rested within tolerance of the target after a motion in this ramp.
         response: the first sample at which the load had moved noticeably towards the target; None before.
         window: samples of the last half second, oldest first.
         marks: samples over some seconds, oldest first, between which a load-controlled ramp must progress; empty without motion.
@@ -62,10 +78,11 @@ class OrderedRamp:
     rate_n_s: float
     tolerance_n: float
     start: LoadSample
-    anchor: LoadSample
-    anchor_n: float
+    anchor: Progress
+    midway: Progress | None = None
     noise_n: float = 0.0
-    since_anchor: int = 0
+    moved: bool = False
+    arrived: bool = False
     response: LoadSample | None = None
     window: tuple[LoadSample, ...] = ()
     marks: tuple[LoadSample, ...] = ()

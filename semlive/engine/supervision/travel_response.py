@@ -28,10 +28,10 @@ _AHEAD_S = 0.5
 
 def travel_without_load(readings: Readings, ramp: OrderedRamp, sample: LoadSample) -> Finding | None:
     """TRAVEL_WITHOUT_LOAD, NO_RESPONSE: the load that the travel since the anchor would cause must stay below the force limit."""
-    unverified_s = seconds_between(ramp.anchor, sample)
-    if readings.identity.control is not ControlMode.DISPLACEMENT or ramp.since_anchor < MIN_READINGS or unverified_s <= START_S:
+    unverified_s = seconds_between(ramp.anchor.sample, sample)
+    if readings.identity.control is not ControlMode.DISPLACEMENT or ramp.anchor.readings < MIN_READINGS or unverified_s <= START_S:
         return None
-    travel_mm = abs(sample.extension_mm - ramp.anchor.extension_mm)
+    travel_mm = abs(sample.extension_mm - ramp.anchor.sample.extension_mm)
     limits, stiffness = readings.limits, readings.identity.stiffness_n_mm
     noticeable_n = readings.noticeable_n(ramp)
     due_n = verified_within(ramp.rate_n_s, ramp.tolerance_n, noticeable_n)
@@ -39,7 +39,7 @@ def travel_without_load(readings: Readings, ramp: OrderedRamp, sample: LoadSampl
         what = f"the load reading is exactly {sample.force_n:.2f} N for {unverified_s:.1f} s although the crosshead moves"
         return Finding(FaultCode.NO_RESPONSE, f"{what}: check the load cell and its amplifier")
     limit_n = readings.force_limit_n(ramp)
-    headroom_n = limit_n - ramp.sign * ramp.anchor.force_n
+    headroom_n = limit_n - ramp.sign * ramp.anchor.sample.force_n
     # Near the target the ordered travel is shorter: the remaining travel, in the time that is ordered ahead.
     near_n = max(ramp.tolerance_n, noticeable_n)
     near_target = abs(ramp.target_n - sample.force_n) <= near_n
@@ -68,7 +68,7 @@ def _standstill_s(readings: Readings, ramp: OrderedRamp, min_mm: float) -> float
     expected travel; `STANDSTILL_S` if it has followed and is constant now.
     """
     noticeable_mm = readings.extension_noise.noticeable()
-    followed_mm = abs(ramp.anchor.extension_mm - ramp.start.extension_mm)
+    followed_mm = abs(ramp.anchor.sample.extension_mm - ramp.start.extension_mm)
     follows = readings.identity.measures_extension and followed_mm > max(_FOLLOWED_STEPS * noticeable_mm, min_mm)
     return STANDSTILL_S if follows and min_mm > noticeable_mm else MAX_UNVERIFIED_S
 

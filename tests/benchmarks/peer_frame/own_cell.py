@@ -40,6 +40,13 @@ def second(
 _SENSED: Mapping[str, object] = {"sensed": 1}
 """The machine's own loop acts on the faulty reading, so that it runs away."""
 
+_LATE_ORDERS = tuple(
+    Act(When("ramping", force_n=60.0, after_s=second_s + offset_s), (f"!signal {name}",), is_fault=False)
+    for second_s in range(1, 16)
+    for name, offset_s in (("STOP", 0.0), ("CONT", 0.7))
+)
+"""The travel of a displacement drive is ordered 0.5 s ahead, so the drive rests before the next order."""
+
 FORCE = (
     second("cell-freeze-in-loop", _WITHIN_2, _FLAT, "freeze 1", device=_SENSED, short=True),
     second("cell-freeze-in-loop-early", _WITHIN_2, _FLAT, "freeze 1", device=_SENSED, force_n=8.0),
@@ -131,6 +138,18 @@ DISPLACEMENT = (
     second("disp-cell-freezes-late", _BOUNDED, replace(_FLAT, stop_within_s=15.0), "freeze 1", map=DISP, force_n=270.0),
     second(
         "disp-cell-freezes-with-noise", _BOUNDED, replace(_FLAT, stop_within_s=15.0), "noisyfreeze 1", map=DISP, device={"noise_n": 0.5}
+    ),
+    Scenario(
+        "disp-cell-freezes-with-noise-orders-late",
+        "at 60 N: noisyfreeze 1; noise_n 0.5; control is suspended for 0.7 s in each second, so that the drive rests between its orders",
+        _BOUNDED,
+        replace(_FLAT, stop_within_s=15.0, no_orders=False),
+        (Act(When("ramping", force_n=60.0), ("noisyfreeze 1",)), *_LATE_ORDERS),
+        DISP,
+        peer=Peer.SECOND,
+        device={"noise_n": 0.5},
+        limits={"stale_after_s": 1.5},
+        unloaded=0,
     ),
     second("disp-cell-clipped", _BOUNDED, replace(_FLAT, since_force_n=250.0, stop_within_s=15.0), "clip 250", map=DISP),
     second("disp-sign-turns", "stop, fault", replace(_FLAT, stop_within_s=3.0, codes=()), "flip 3", map=DISP, force_n=120.0),
