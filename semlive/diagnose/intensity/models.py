@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from semlive.diagnose.intensity.frames import INTENSITY_TERMS
 from semlive.diagnose.intensity.time_series import IntensityTimeSeries
@@ -152,7 +152,7 @@ class IntensityRegression:
         explained = max(float(amplitudes @ normal @ amplitudes), 0.0)
         square = float(data @ data)
         odds = self._log_likelihood(square - explained) - self._log_likelihood(square) - 0.5 * own * np.log(self.time_series.frames)
-        p_value = min(1.0, intensity_model.trial_count * float(fisher.sf(explained / own, own, self._freedom)))
+        p_value = min(1.0, intensity_model.trial_count * float(fdtrc(own, self._freedom, explained / own)))
         return IntensityFit(
             intensity_model,
             amplitudes / size,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from semlive.diagnose.intensity.models import IntensityModel, IntensityRegression
 from semlive.diagnose.intensity.time_series import OUTLIER_FACTOR, IntensityTimeSeries
@@ -57,7 +57,7 @@ def _tone(time_series: IntensityTimeSeries, white: Array, part: slice, freedom: 
     dof -= means[0].size
     if dof < 1:
         return ResidualTest("frames" if whole_frames else "bands", 1.0, 0.0)
-    p_value = float(fisher.sf(square / dof, dof, time_series.freedom * (1 if whole_frames else 0.5 * bands)))
+    p_value = float(fdtrc(dof, time_series.freedom * (1 if whole_frames else 0.5 * bands), square / dof))
     back = np.stack(means) * np.sqrt(time_series.inflation if whole_frames else np.ones(4))
     averaged = back @ np.linalg.inv(time_series.whitener).T / np.sqrt(bands)
     noise = np.diag(time_series.covariance) / bands * 0.5
@@ -83,5 +83,5 @@ def _blocks(time_series: IntensityTimeSeries, intensity_models: Sequence[Intensi
     means = means - means.mean(axis=0)
     blocks, count = local.shape[1], len(complete_pairs)
     between = 2.0 * float(np.sum(means**2)) / (blocks * (count - 1))
-    p_value = float(fisher.sf(between / max(noise, 1e-18), blocks * (count - 1), blocks * len(change)))
+    p_value = float(fdtrc(blocks * (count - 1), blocks * len(change), between / max(noise, 1e-18)))
     return ResidualTest("blocks", p_value, float(np.sqrt(max(between - noise, 0.0) / 2.0)))

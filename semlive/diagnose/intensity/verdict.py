@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from semlive.data.diagnosis.channels import IntensityDiagnosis, IntensityHistory
 from semlive.data.diagnosis.effects import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
@@ -201,7 +201,7 @@ def _flash_effect(flashes_found: Sequence[Flash], rows: int) -> IdentifiedEffect
     parameters.append(ParameterEstimate("flash_s", float(np.median([entry.length_s for entry in flashes_found])), 0.0, "s"))
     squares = levels**2 * weight
     odds = float(np.sum(0.5 * squares - np.log(rows)))
-    p_value = min(1.0, rows * float(norm.sf(np.sqrt(squares.max()))))
+    p_value = min(1.0, rows * float(ndtr(-np.sqrt(squares.max()))))
     return IdentifiedEffect(CHARGING_JUMP.name, tuple(parameters), 0.0, odds, p_value, False, ModelEffect(CHARGING_JUMP.name, (), 0.0))
 
 

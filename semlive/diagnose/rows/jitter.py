@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from semlive.diagnose.rows.series import DETREND_ROWS, RowSeries
 
@@ -75,7 +75,7 @@ class CommonRowVariance:
         """Fraction of data without jitter with at least this variance along x or along y."""
         weight = self.freedom / self.variance_px2  # as jitter of one size shows in each
         z = np.sum(weight * (self.ratio - 1.0), axis=0) / np.sqrt(np.sum(weight**2 * 2.0 / self.freedom, axis=0))
-        return float(min(1.0, 2.0 * norm.sf(np.max(z))))
+        return float(min(1.0, 2.0 * ndtr(-np.max(z))))
 
     def log_factor(self, sizes_px: tuple[float, float]) -> float:
         """Log Bayes factor of jitter of one size in all frames."""

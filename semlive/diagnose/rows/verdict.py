@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import gamma
+from scipy.special import gammainccinv
 
 from semlive.data.diagnosis.channels import RowDiagnosis
 from semlive.data.diagnosis.effects import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
@@ -221,4 +221,4 @@ def _thinned(power_spectrum: Spectrum) -> tuple[tuple[float, ...], tuple[float, 
 
 def _detection_threshold(power_spectrum: Spectrum) -> float:
     k = len(power_spectrum.power)
-    return float(gamma.isf(0.5 * SIGNIFICANCE_LEVEL / len(power_spectrum.frequency_hz), k)) / k
+    return float(gammainccinv(k, 0.5 * SIGNIFICANCE_LEVEL / len(power_spectrum.frequency_hz))) / k

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 Array = NDArray[np.float64]
 MIN_DEGREES_OF_FREEDOM = 4  # minimum number of values beyond the unknowns
@@ -71,6 +71,6 @@ def f_test(terms: list[RegressionTerm]) -> tuple[float, float] | None:
     freedom, count = sum(value.degrees_of_freedom for value in terms), len(terms)
     if not count or not residual > 0.0:
         return None
-    p_value = float(fisher.sf(explained / count / (residual / freedom), count, freedom))
+    p_value = float(fdtrc(count, freedom, explained / count / (residual / freedom)))
     odds = 0.5 * (freedom + count) * float(np.log1p(explained / residual)) - 0.5 * count * float(np.log(freedom + count))
     return p_value, odds

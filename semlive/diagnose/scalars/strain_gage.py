@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.stats import chi2
-from scipy.stats import f as fisher
+from scipy.special import chdtrc, fdtrc
 
 from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, ParameterEstimate
 from semlive.data.diagnosis.verdict import Diagnosis
@@ -166,7 +165,7 @@ def _test(readings: GageReadings) -> _Test | None:
     sigma, p_value, log_factor = _combined_test(limited, readings.factor_sigma * abs(of_gage.value))
     half_px = readings.load_readings.half_px
     rms_px = half_px * float(np.std(observed.maps - observed.gage))
-    scatter_p = float(chi2.sf(slope.residual_ss, slope.degrees_of_freedom))
+    scatter_p = float(chdtrc(slope.degrees_of_freedom, slope.residual_ss))
     largest_n = float(np.abs(observed.load_n).max())
     gap = _gap(observed, half_px)
     return _Test(slope.value, sigma, of_maps.value, largest_n, half_px, p_value, log_factor, scatter_p, rms_px, gap)
@@ -210,7 +209,7 @@ def _combined_test(slope: RegressionTerm, factor: float) -> tuple[float, float, 
     freedom = slope.degrees_of_freedom * (sigma / slope.sigma) ** 4
     ratio = (slope.value / sigma) ** 2
     odds = 0.5 * (freedom + 1.0) * math.log1p(ratio / freedom) - 0.5 * math.log(slope.degrees_of_freedom + 1.0)
-    return sigma, float(fisher.sf(ratio, 1, freedom)), odds
+    return sigma, float(fdtrc(1, freedom, ratio)), odds
 
 
 def _gap(observed: _LoadedPairs, half_px: float) -> HeldOutMisfit:
