@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import socket
 import subprocess
 import sys
+import urllib.request
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +69,19 @@ def test_the_error_names_the_log_and_keeps_its_kind(tmp_path: Path) -> None:
     assert str(tmp_path) in str(named)
 
 
+def first_event_of_the_page(log: Path) -> str:
+    """The state that `semlive serve` sends to a browser at first."""
+    command = [sys.executable, "-m", "semlive", "serve", str(log), "--page-port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as served:
+        try:
+            assert served.stderr is not None
+            (address,) = re.findall(r"http://\S+", served.stderr.readline())
+            with urllib.request.urlopen(address + "events", timeout=30) as events:
+                return next(line.decode() for line in events if line.startswith(b"data:"))
+        finally:
+            served.terminate()
+
+
 def test_a_refused_start_leaves_its_fault_and_the_name_can_be_run_again(patient: Any) -> None:
     patient.falls_ill("load frame is refused open")
     for _ in range(2):  # the second replaces the log of the first
@@ -81,6 +96,7 @@ def test_a_refused_start_leaves_its_fault_and_the_name_can_be_run_again(patient:
     )
     assert "its alarms and rejected frames are in" in " ".join(report.stderr.split()), report.stderr
     assert any("open is refused" in page.read_text(encoding="utf-8") for page in patient.folder.rglob("*.html"))
+    assert "open is refused" in first_event_of_the_page(patient.log)
     assert "ramp_to" not in patient.calls()
     patient.gets_well("load frame is refused open")
     patient.start().reach("ramping")
