@@ -111,7 +111,7 @@ def torn_log(lab: Lab) -> Observation:
     kept = len([entry for entry in lab.logged("/load_frame/sample")])
     assert kept > samples * 0.8
     lab.require_complete_log()
-    return Observation("recovered, the damaged original kept beside it, taken up again with the hold in full")
+    return Observation("recovered, the damaged original kept in the same folder, resumed with the complete hold")
 
 
 def blocked_loop(lab: Lab) -> Observation:
@@ -161,7 +161,7 @@ def moved_log(lab: Lab) -> Observation:
     reports = "could not be finished" in output or (lab.log / "run.000.mcap").exists()
     assert reports, output
     return Observation(
-        "paused within 4 s, and the reason was reported; writing continued in the renamed file; at the end: the log could not be finished"
+        "paused within 4 s, with the reason; writing continued in the renamed file; at the end: the log could not be finished"
     )
 
 
@@ -180,7 +180,7 @@ def edited_config(lab: Lab) -> Observation:
     code, output = lab.start("--resume", "--yes").end()
     assert code == 2, output
     assert "loads_n" in output, output
-    return Observation("nothing changed in the run; taking it up again with another plan is refused by name (exit code 2)")
+    return Observation("nothing changed in the run; resuming with another plan is refused with the key (exit code 2)")
 
 
 def two_at_once(lab: Lab) -> Observation:
@@ -199,7 +199,8 @@ def two_at_once(lab: Lab) -> Observation:
     lab.daemon.send_signal(signal.SIGINT)
     lab.end()
     lab.require_complete_log()
-    return Observation(f"refused (exit code 2): {output[1][:160]}")
+    shown = output[1].replace(f"{lab.folder}/", "")
+    return Observation(f"refused (exit code 2): {shown[:160]}")
 
 
 def still_moving(lab: Lab) -> Observation:
@@ -221,7 +222,7 @@ def still_moving(lab: Lab) -> Observation:
     code, output = lab.end()
     assert code == 1, output
     assert "moved before a motion was ordered" in f"{output} {lab.reported()}", output
-    return Observation("it was stopped as soon as the first reading said that it moved; not resumed by itself", took_ms)
+    return Observation("it was stopped at the first reading that showed motion; not resumed automatically", took_ms)
 
 
 def jumping_clock(lab: Lab) -> Observation:
@@ -276,7 +277,7 @@ def read_meanwhile(lab: Lab) -> Observation:
     assert code == 1
     lab.require_complete_log()
     assert most > 50
-    return Observation(f"another maker's reader opened it {looks} times and read up to {most} records; the run and its log are whole")
+    return Observation(f"another maker's reader opened it {looks} times and read up to {most} records; the run and its log are complete")
 
 
 def bombs(lab: Lab) -> Observation:
