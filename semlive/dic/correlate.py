@@ -109,8 +109,12 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
 def to_disparity_map(
     measurements: PointMeasurements, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int
 ) -> DisparityMap:
-    """Disparity map of the accepted point measurements."""
-    verdict = rejection_status(measurements, grid, curved=settings.shape_function != "affine")
+    """Disparity map of the accepted point measurements.
+
+    A quartic subset resolves what a quadratic one of 4/7 of its edge does, with similar noise; its points are tested as such ones.
+    """
+    resolved = dataclasses.replace(grid, subset_px=grid.subset_px * 4 // 7 | 1) if settings.shape_function == "quartic" else grid
+    verdict = rejection_status(measurements, resolved, curved=settings.shape_function != "affine")
     valid = measurements.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:

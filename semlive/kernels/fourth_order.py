@@ -119,18 +119,23 @@ def variance_rows(planes, pitch, first, last, x0, y0, step, half, variance_u, va
                 covariance[j, i] = total
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def _row_polynomials(p, eta, line):
+    """(2, DEGREE + 1): u and v on the row at dy / half = `eta` as polynomials of dx / half."""
+    for axis in range(2):
+        for n in range(DEGREE + 1):
+            value = 0.0
+            for k in range(DEGREE - n, -1, -1):
+                value = value * eta + p[axis * TERMS + _term(n, k)]
+            line[axis, n] = np.float32(value)
+
+
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
-def _interpolate_row(c, stride, order, width, height, x, y, row, half, p, mean, g, cell, phase_x, phase_y):
+def _interpolate_row(c, stride, order, width, height, x, y, row, half, p, mean, g, line, cell, phase_x, phase_y):
     """A row of the deformed subset about (x, y), less `mean`; False if it leaves the frame."""
     size = 2 * half + 1
-    eta = (row - half) / half
-    u, v = np.zeros(DEGREE + 1, dtype=np.float32), np.zeros(DEGREE + 1, dtype=np.float32)
-    for k in range(TERMS):
-        power = 1.0
-        for _ in range(EXPONENT_Y[k]):
-            power *= eta
-        u[EXPONENT_X[k]] += np.float32(p[k] * power)
-        v[EXPONENT_X[k]] += np.float32(p[TERMS + k] * power)
+    _row_polynomials(p, (row - half) / half, line)
+    u, v = line[0], line[1]
     u0, u1, u2, u3, u4 = u[0], u[1], u[2], u[3], u[4]
     v0, v1, v2, v3, v4 = v[0], v[1], v[2], v[3], v[4]
     inverse = np.float32(1.0 / half)
@@ -149,13 +154,22 @@ def _interpolate_row(c, stride, order, width, height, x, y, row, half, p, mean, 
         phase_x[i], phase_y[i] = inside_x - cell_x, inside_y - cell_y
         # the border minus the taps before a pixel is 1 for any order
         cell[i] = (y + np.int64(cell_y) + 1) * stride + x + np.int64(cell_x) + 1
-    at = row * size
-    if order == 3:
-        for i in range(size):
-            g[at + i] = CUBIC_GAIN * cubic_at(c, uint64(cell[i]), uint64(stride), phase_x[i], phase_y[i]) - mean
-    else:
-        for i in range(size):
-            g[at + i] = QUINTIC_GAIN * quintic_at(c, uint64(cell[i]), uint64(stride), phase_x[i], phase_y[i]) - mean
+    # within a run the taps are contiguous, which the vectoriser needs
+    first = 0
+    while first < size:
+        last = first + 1
+        while last < size and cell[last] - cell[first] == last - first:
+            last += 1
+        tap, to = uint64(cell[first]), uint64(row * size + first)
+        if order == 3:
+            for i in range(uint64(last - first)):
+                k = uint64(first) + i
+                g[to + i] = CUBIC_GAIN * cubic_at(c, tap + i, uint64(stride), phase_x[k], phase_y[k]) - mean
+        else:
+            for i in range(uint64(last - first)):
+                k = uint64(first) + i
+                g[to + i] = QUINTIC_GAIN * quintic_at(c, tap + i, uint64(stride), phase_x[k], phase_y[k]) - mean
+        first = last
     return outside == 0
 
 
@@ -229,10 +243,10 @@ def _compose_inverse(p, d, half, old):
 def _strayed(p, start_u, start_v, half):
     if not abs(p[0] - start_u) + abs(p[TERMS] - start_v) <= MAX_SHIFT_PX:
         return True
+    largest = 0.0
     for k in range(1, TERMS):
-        if not max(abs(p[k]), abs(p[TERMS + k])) <= MAX_GRADIENT * half:
-            return True
-    return False
+        largest = max(largest, abs(p[k]), abs(p[TERMS + k]))
+    return not largest <= MAX_GRADIENT * half
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -265,6 +279,7 @@ def refine_rows(
     moments = np.zeros((PAIRS, POWERS, POWERS))
     matrix = np.zeros((QUARTIC, QUARTIC))
     g = np.zeros(size * size, dtype=np.float32)
+    line = np.zeros((2, DEGREE + 1), dtype=np.float32)
     cell = np.zeros(size, dtype=np.int64)
     phase_x, phase_y = np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.float32)
     total, p, d, old = np.zeros(3), np.zeros(QUARTIC), np.zeros(QUARTIC), np.zeros(QUARTIC)
@@ -290,7 +305,7 @@ def refine_rows(
                 inside = True
                 for row in range(size):
                     here = _interpolate_row(
-                        c, stride_c, order, width, height, x, y, row, half, p, centre, g, cell, phase_x, phase_y
+                        c, stride_c, order, width, height, x, y, row, half, p, centre, g, line, cell, phase_x, phase_y
                     )  # fmt: skip
                     inside = inside and here
                 if not inside:

@@ -99,9 +99,7 @@ def solved(interpolation, shape_function, masked):
     )  # fmt: skip
     if shape_function == "quartic":
         current = images.interpolator(images.to_float32_grey(second), ORDER[interpolation])
-        interface.refine(
-            reference.sums, current, solutions, max_iterations=50, tolerance_px=5e-5, min_zncc=0.5, order=ORDER[interpolation]
-        )
+        interface.refine(reference.sums, current, solutions, max_iterations=50, tolerance_px=5e-5, min_zncc=0.5, order=ORDER[interpolation])
     return first.astype(float), second.astype(float), mask, grid, reference, solutions
 
 
