@@ -132,7 +132,7 @@ def _row_polynomials(p, eta, line):
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def _interpolate_row(c, stride, order, width, height, x, y, row, half, p, mean, g, line, cell, phase_x, phase_y):
-    """A row of the deformed subset about (x, y), less `mean`; False if it leaves the frame."""
+    """A row of the deformed subset about (x, y), less `mean`; False if a part of it is outside the frame."""
     size = 2 * half + 1
     _row_polynomials(p, (row - half) / half, line)
     u, v = line[0], line[1]
