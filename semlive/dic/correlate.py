@@ -192,6 +192,12 @@ def solve(
         attempt(failed & reachable, SEEDED, first)
         attempt(failed & has_second & (status != PoiStatus.CONVERGED), SEEDED, second_guess)
         fresh = failed & (status == PoiStatus.CONVERGED)
+    _refine(reference, interpolator, solutions, settings)
+    return solutions
+
+
+def _refine(reference: Reference, interpolator: NDArray[np.float32], solutions: interface.Solutions, settings: DicSettings) -> None:
+    """Continue with the shape function of fourth order if the reference is prepared for it."""
     if solutions.curvatures is not None:
         interface.refine(
             reference.sums,
@@ -202,7 +208,6 @@ def solve(
             min_zncc=settings.min_zncc,
             order=ORDER[settings.interpolation],
         )
-    return solutions
 
 
 def _unsolved(reference: Reference) -> interface.Solutions:

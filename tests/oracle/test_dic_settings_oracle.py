@@ -103,6 +103,18 @@ def solved(interpolation, shape_function, masked):
     return first.astype(float), second.astype(float), mask, grid, reference, solutions
 
 
+def monomials(dx, dy):
+    """Derivatives of u with respect to its coefficients, those of third and fourth order in units of half the subset."""
+    second = [np.ones_like(dx), dx, dy, dx * dx / 2.0, dx * dy, dy * dy / 2.0]
+    return second + [dx ** (n - k) * dy**k / HALF**n for n in (3, 4) for k in range(n + 1)]
+
+
+def check_covariance(sums, at, inverse, used):
+    assert sums.variance_u[at] == pytest.approx(inverse[0, 0], rel=1e-3)
+    assert sums.variance_v[at] == pytest.approx(inverse[used, used], rel=1e-3)
+    assert sums.covariance[at] == pytest.approx(inverse[0, used], abs=1e-3 * inverse[0, 0])
+
+
 @pytest.mark.parametrize(("interpolation", "shape_function", "masked"), CASES)
 def test_solution_solves_its_equations(interpolation, shape_function, masked):
     """ZNSSD's estimating equations, written down plainly in float64, have their root where IC-GN ended."""
@@ -121,8 +133,7 @@ def test_solution_solves_its_equations(interpolation, shape_function, masked):
             counts = hidden[here] == 0
             assert reference.sums.pixels[j, i] == counts.sum()
         gx, gy = (ndimage.sobel(first, axis=axis)[here] / 8.0 for axis in (1, 0))
-        powers = [np.ones_like(dx), dx, dy, dx * dx / 2.0, dx * dy, dy * dy / 2.0]
-        powers += [dx ** (n - k) * dy**k / HALF**n for n in (3, 4) for k in range(n + 1)]
+        powers = monomials(dx, dy)
         used = TERMS[shape_function]
         derivatives = np.stack([g * power for g in (gx, gy) for power in powers[:used]])[:, counts]
         f = first[here][counts]
@@ -146,8 +157,7 @@ def test_solution_solves_its_equations(interpolation, shape_function, masked):
         ours = np.concatenate([p[:3], p[3:]] if used == 3 else [p[:3], bend[:3], p[3:], bend[3:]])
         known = np.concatenate([np.arange(min(used, 6)), used + np.arange(min(used, 6))])
         ours *= lever[known]
-        start = np.zeros(2 * used)
-        start[known] = np.round(ours, 1)
+        start = np.bincount(known, np.round(ours, 1), 2 * used)
         found = optimize.root(equations, start, method="hybr", tol=1e-12)
         assert np.max(np.abs(equations(found.x))) < 1e-9 * np.linalg.norm(derivatives[0])
         assert np.max(np.abs(found.x[known] - ours)) < 4e-5
@@ -159,10 +169,7 @@ def test_solution_solves_its_equations(interpolation, shape_function, masked):
         gains = reference.sums.gradient_x[y, x] / gx[HALF, HALF], reference.sums.gradient_y[y, x] / gy[HALF, HALF]
         scaled = derivatives * np.repeat(gains, used)[:, None]
         expected = scaled @ scaled.T
-        inverse = np.linalg.inv(expected)
-        assert reference.sums.variance_u[j, i] == pytest.approx(inverse[0, 0], rel=1e-3)
-        assert reference.sums.variance_v[j, i] == pytest.approx(inverse[used, used], rel=1e-3)
-        assert reference.sums.covariance[j, i] == pytest.approx(inverse[0, used], abs=1e-3 * inverse[0, 0])
+        check_covariance(reference.sums, (j, i), np.linalg.inv(expected), used)
         if used == 15:
             continue  # its matrix is not kept
         layout = [0, 1, 2, 3, 4, 5] if used == 3 else [0, 1, 2, 6, 7, 8, 3, 4, 5, 9, 10, 11]
