@@ -20,7 +20,8 @@ class DicSettings:
         tolerance_px: IC-GN stops when the next update is expected to move no subset corner by more than this.
         min_zncc: smallest ZNCC of a valid POI.
         interpolation: B-spline of the current image: ``cubic`` or ``quintic`` (a third of the bias, twice the time).
-        shape_function: shape function of a subset: ``affine`` or ``quadratic`` (represents strain gradients, twice the noise).
+        shape_function: shape function of a subset: ``affine``, ``quadratic`` (resolves periods of 1.3 instead of 4 subsets, twice the
+            noise) or ``quartic`` (0.7 subsets, three times the noise; a subset 1.75 times as large replaces a quadratic one).
         min_valid_fraction: smallest unmasked fraction of a subset that is measured.
         search_px: largest possible motion of a point along x or y; None if unknown. It limits the search for initial guesses, and a
             pattern with a period of more than twice this distance is not ambiguous.
@@ -33,7 +34,7 @@ class DicSettings:
     tolerance_px: float = 1e-3
     min_zncc: float = 0.7
     interpolation: Literal["cubic", "quintic"] = "cubic"
-    shape_function: Literal["affine", "quadratic"] = "affine"
+    shape_function: Literal["affine", "quadratic", "quartic"] = "affine"
     min_valid_fraction: float = 0.5
     search_px: float | None = None
 
@@ -44,8 +45,8 @@ class DicSettings:
             raise ValueError(f"step_px must be at least 1, not {self.step_px}")
         if self.interpolation not in ("cubic", "quintic"):
             raise ValueError(f"interpolation must be cubic or quintic, not {self.interpolation}")
-        if self.shape_function not in ("affine", "quadratic"):
-            raise ValueError(f"shape_function must be affine or quadratic, not {self.shape_function}")
+        if self.shape_function not in ("affine", "quadratic", "quartic"):
+            raise ValueError(f"shape_function must be affine, quadratic or quartic, not {self.shape_function}")
         if not 0.0 < self.min_valid_fraction <= 1.0:
             raise ValueError(f"min_valid_fraction must be above 0 and at most 1, not {self.min_valid_fraction}")
         if self.search_px is not None and not self.search_px > 0.0:

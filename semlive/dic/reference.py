@@ -14,9 +14,11 @@ from semlive.data.settings import DicSettings
 from semlive.dic.initial_guess.search import InitialGuessReference, prepare_coarse
 from semlive.errors import BadInput
 from semlive.kernels import images, interface
+from semlive.kernels.fourth_order import QUARTIC
 from semlive.kernels.threads import run_pair_in_parallel
 from semlive.kernels.warp import AFFINE, QUADRATIC
 
+PARAMETERS = {"affine": AFFINE, "quadratic": QUADRATIC, "quartic": QUARTIC}  # of a shape function
 SOBEL_VARIANCE = 0.1875  # sum of squares of the Sobel stencil / 8
 SOBEL_SPLINE_COVARIANCE = 0.40192  # scalar product of this stencil with the derivative stencil of the cubic spline
 STATISTICS_PIXELS = 50_000  # for noise and gains, to 0.6 %; twice as many take a hundredth of the time of a pair
@@ -180,7 +182,7 @@ def prepare_part(
         step_px=grid.step_px,
         shape=grid.shape,
         half_px=grid.subset_px // 2,
-        parameters=AFFINE if settings.shape_function == "affine" else QUADRATIC,
+        parameters=PARAMETERS[settings.shape_function],
         gains=(statistics.gain_x, statistics.gain_y),
         valid=usable,
     )

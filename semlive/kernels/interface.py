@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from semlive.kernels import icgn, spline, subsets, warp
+from semlive.kernels import fourth_order, icgn, spline, subsets, warp
 from semlive.kernels.interpolate import LANES
 from semlive.kernels.malloc import keep_freed_memory
 from semlive.kernels.threads import parallel_chunks
@@ -53,10 +53,12 @@ class SubsetSums:
         y0_px: row of the first POI.
         step_px: distance of neighbouring POI.
         half_px: half the subset, without its centre.
+        parameters: number of parameters of the shape function: 6, 12 or 30. The sums below have at most n = 12; for 30 parameters only the
+            variances and the covariance are those of fourth order, whose matrices `refine` computes where it needs them.
         pixels: (ny, nx) valid pixels of each subset.
         mean: (ny, nx) mean of each subset.
         norm: (ny, nx) root of the centred sum of squares of each subset.
-        gradient_sum: (ny, nx, n) sums of the derivatives with respect to the n = 6 or 12 parameters.
+        gradient_sum: (ny, nx, n) sums of the derivatives with respect to n = 6 or 12 parameters.
         gradient_image_sum: (ny, nx, n) sums of their products with the centred image.
         lower: (ny, nx, n, n) Cholesky factors of the Gauss-Newton matrices (lower triangles).
         variance_u: (ny, nx) variance of u in px^2 for noise of one grey level; zero where singular.
@@ -72,6 +74,7 @@ class SubsetSums:
     y0_px: int
     step_px: int
     half_px: int
+    parameters: int
     pixels: NDArray[np.float64]
     mean: NDArray[np.float64]
     norm: NDArray[np.float64]
@@ -124,7 +127,7 @@ def subset_sums(
         step_px: distance of neighbouring POI.
         shape: (ny, nx).
         half_px: half the subset, without its centre.
-        parameters: number of parameters of the shape function, 6 (affine) or 12 (second order).
+        parameters: number of parameters of the shape function, 6 (affine), 12 (second order) or 30 (fourth order).
         gains: factors of the derivatives along x and y.
         valid: same shape as the image, 1 where a pixel is valid, else 0; None: all are valid.
 
@@ -143,8 +146,9 @@ def subset_sums(
         raise ValueError(
             f"subsets from ({x0_px - half_px}, {y0_px - half_px}) to ({right}, {bottom}) are outside the {width} x {height} px image"
         )
-    if parameters not in (warp.AFFINE, warp.QUADRATIC):
-        raise ValueError(f"parameters must be {warp.AFFINE} or {warp.QUADRATIC}, not {parameters}")
+    if parameters not in (warp.AFFINE, warp.QUADRATIC, fourth_order.QUARTIC):
+        raise ValueError(f"parameters must be {warp.AFFINE}, {warp.QUADRATIC} or {fourth_order.QUARTIC}, not {parameters}")
+    count = min(parameters, warp.QUADRATIC)
     if valid is not None:
         checked(valid, "valid", np.float32, (height, width))
     pitch = _pitch(width)
@@ -169,12 +173,13 @@ def subset_sums(
         y0_px=y0_px,
         step_px=step_px,
         half_px=half_px,
+        parameters=parameters,
         pixels=np.zeros(shape),
         mean=np.zeros(shape),
         norm=np.zeros(shape),
-        gradient_sum=np.zeros((*shape, parameters)),
-        gradient_image_sum=np.zeros((*shape, parameters)),
-        lower=np.zeros((*shape, parameters, parameters)),
+        gradient_sum=np.zeros((*shape, count)),
+        gradient_image_sum=np.zeros((*shape, count)),
+        lower=np.zeros((*shape, count, count)),
         variance_u=np.zeros(shape),
         variance_v=np.zeros(shape),
         covariance=np.zeros(shape),
@@ -189,6 +194,10 @@ def subset_sums(
             r.gradient_sum, r.gradient_image_sum, r.lower, r.variance_u, r.variance_v, r.covariance,
             r.sssig,
         )  # fmt: skip
+        if parameters == fourth_order.QUARTIC:
+            fourth_order.variance_rows(
+                flat[0], pitch, first, last, x0_px, y0_px, step_px, half_px, r.variance_u, r.variance_v, r.covariance
+            )  # fmt: skip
 
     parallel_chunks(rows, ny, ROW_CHUNK)
     return result
@@ -266,6 +275,50 @@ def correlate(
             first, last, *images, row_weights, ramp, r.width_px, r.y0_px, r.x0_px, r.step_px, r.half_px, r.pixels, r.mean, r.norm,
             r.gradient_sum, r.gradient_image_sum, r.lower, todo, seeds, max_iterations, tolerance_px, min_zncc, max_travel_px,
             s.parameters, curvatures, s.zncc, s.status, s.iterations,
+        )  # fmt: skip
+
+    parallel_chunks(rows, ny, 1)
+
+
+def refine(
+    reference: SubsetSums,
+    current: NDArray[np.float32],
+    solutions: Solutions,
+    *,
+    max_iterations: int,
+    tolerance_px: float,
+    min_zncc: float,
+    order: int = spline.CUBIC,
+) -> None:
+    """Refine the converged second-order `solutions` with the shape function of fourth order; points that fail get another status.
+
+    Args:
+        reference: from `subset_sums` for 30 parameters.
+        current: `interpolator` of the current image.
+        solutions: from `correlate` with this reference; must have `curvatures`.
+        max_iterations: maximum number of further iterations of a POI.
+        tolerance_px: as for `correlate`.
+        min_zncc: smallest ZNCC of a solution.
+        order: order of the spline of `current`.
+
+    Raises:
+        ValueError: arrays of wrong dtype, shape or layout.
+    """
+    r, s = reference, solutions
+    ny, nx = r.mean.shape
+    border = icgn.border_of(order)
+    checked(current, "current", np.float32, (r.planes.shape[0] + 2 * border, r.width_px + 2 * border + LANES))
+    checked(s.parameters, "parameters", np.float64, (ny, nx, warp.AFFINE))
+    checked(s.curvatures, "curvatures", np.float64, (ny, nx, warp.AFFINE))
+    checked(s.zncc, "zncc", np.float64, (ny, nx))
+    checked(s.status, "status", np.uint8, (ny, nx))
+    checked(s.iterations, "iterations", np.int32, (ny, nx))
+    images = (current.ravel(), current.shape[1], order, r.planes.ravel(), r.valid.ravel(), r.planes.shape[2], r.width_px)
+
+    def rows(first: int, last: int) -> None:
+        fourth_order.refine_rows(
+            first, last, *images, r.y0_px, r.x0_px, r.step_px, r.half_px, r.pixels, r.mean, r.norm, max_iterations, tolerance_px, min_zncc,
+            s.parameters, s.curvatures, s.zncc, s.status, s.iterations,
         )  # fmt: skip
 
     parallel_chunks(rows, ny, 1)

@@ -34,7 +34,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_peers import interpreter
 
 from semlive import dic
-from semlive.dic.correlate import solve
+from semlive.dic.correlate import ORDER, solve
 from semlive.dic.initial_guess.search import match
 from semlive.kernels import images
 
@@ -126,7 +126,7 @@ def ours(believed: bool = False, **options: str) -> Measure:
         settings = dic.DicSettings(subset_px=subset, step_px=1, roi_px=roi, **options)  # pyright: ignore[reportArgumentType]
         grid = dic.grid_for(settings, width, height)
         prepared, grey = dic.prepare(reference, grid, settings), images.to_float32_grey(current)
-        found = solve(prepared, images.interpolator(grey), match(prepared.coarse, grey), settings)
+        found = solve(prepared, images.interpolator(grey, ORDER[settings.interpolation]), match(prepared.coarse, grey), settings)
         v, valid = found.parameters[..., 3], found.status == dic.PoiStatus.CONVERGED
         if believed:
             valid = dic.correlate(prepared, current, settings, reference_frame=0, current_frame=1).valid
@@ -194,6 +194,7 @@ def main() -> None:
     engines: dict[str, Measure] = {
         "semlive, affine": ours(),
         "semlive, quadratic": ours(shape_function="quadratic"),
+        "semlive, quartic": ours(shape_function="quartic"),
         "semlive, affine, believed alone": ours(believed=True),
         "pyvale as it comes, affine": pyvale(python, "AFFINE", 5),
         "pyvale as it comes, quadratic": pyvale(python, "QUAD", 5),

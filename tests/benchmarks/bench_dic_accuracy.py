@@ -114,7 +114,7 @@ def main() -> None:
     parser.add_argument("draws", nargs="?", type=int, default=30)
     parser.add_argument("interpolation", nargs="*", default=["cubic", "quintic"])
     parser.add_argument("--subset", type=int, default=43)
-    parser.add_argument("--shape", choices=("affine", "quadratic"), default="affine")
+    parser.add_argument("--shape", choices=("affine", "quadratic", "quartic"), default="affine")
     given = parser.parse_args()
     images = scene(360, 320)
     for interpolation in given.interpolation:

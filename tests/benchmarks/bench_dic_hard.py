@@ -125,7 +125,7 @@ def main() -> None:
     parser.add_argument("--points", type=float, default=1e6)
     parser.add_argument("--first", type=int, default=0, help="number of the first scene; from another one on all scenes are others")
     parser.add_argument("--subset", type=int, default=SETTINGS.subset_px)
-    parser.add_argument("--shape", choices=("affine", "quadratic"), default="affine")
+    parser.add_argument("--shape", choices=("affine", "quadratic", "quartic"), default="affine")
     given = parser.parse_args()
     settings = DicSettings(subset_px=given.subset, step_px=SETTINGS.step_px, roi_px=None, shape_function=given.shape)
     counts = tally(int(given.points), given.first, settings)

@@ -154,7 +154,7 @@ def test_a_mask_leaves_points_out(folder):
     assert np.mean([float(row["u"]) for row in right]) == pytest.approx(1.25, abs=0.01)
 
 
-@pytest.mark.parametrize("options", [("--interpolation", "quintic"), ("--shape", "quadratic"), ("--search", "4")])
+@pytest.mark.parametrize("options", [("--interpolation", "quintic"), ("--shape", "quadratic"), ("--shape", "quartic"), ("--search", "4")])
 def test_other_splines_shapes_and_searches(folder, options):
     result = run(folder / "ref.tif", folder / "a.tif", "--subset", 31, "--roi", "30,25,89,74", "--json", *options)
     assert result.exit_code == 0, result.output
@@ -191,7 +191,7 @@ def test_a_wrong_file_is_told_before_anything_is_written(folder):
         (["ref.tif", "a.tif", "--subset", "20"], "subset_px must be odd"),
         (["ref.tif", "a.tif", "--step", "0"], "step_px must be at least 1"),
         (["ref.tif", "a.tif", "--mask", "small.tif"], "small.tif: is 120 x 80 px but"),
-        (["ref.tif", "a.tif", "--shape", "cubic"], "--shape cubic: no such choice; give affine or quadratic"),
+        (["ref.tif", "a.tif", "--shape", "cubic"], "--shape cubic: no such choice; give affine, quadratic or quartic"),
         (["ref.tif", "a.tif", "--search", "0"], "--search 0: must be more than 0"),
         (["ref.tif", "a.tif", "--roi", "1,2,3"], "--roi 1,2,3: is not four whole numbers"),
         (["ref.tif", "a.tif", "--subset", "101"], "no subset of 101 px fits into the complete frame"),

@@ -42,7 +42,10 @@ def dic(
         str, typer.Option(help="Spline of the interpolation: cubic, or quintic (a third of the bias in twice the time).")
     ] = "cubic",
     shape: Annotated[
-        str, typer.Option(help="Shape function: affine, or quadratic (represents strain gradients, twice the noise).")
+        str,
+        typer.Option(
+            help="Shape function: affine, quadratic (represents strain gradients, twice the noise) or quartic (three times the noise)."
+        ),
     ] = "affine",
     search: Annotated[
         float | None,
@@ -126,10 +129,10 @@ def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape
             raise BadInput(f"--roi {roi}: is not four whole numbers; write x0,y0,x1,y1 as in --roi 101,101,846,696.") from None
         corners = (x0, y0, x1, y1)
     splines: dict[str, Literal["cubic", "quintic"]] = {"cubic": "cubic", "quintic": "quintic"}
-    shapes: dict[str, Literal["affine", "quadratic"]] = {"affine": "affine", "quadratic": "quadratic"}
+    shapes: dict[str, Literal["affine", "quadratic", "quartic"]] = {"affine": "affine", "quadratic": "quadratic", "quartic": "quartic"}
     for option, word, choices in (("--interpolation", interpolation, splines), ("--shape", shape, shapes)):
         if word not in choices:
-            raise BadInput(f"{option} {word}: no such choice; give {' or '.join(choices)}.")
+            raise BadInput(f"{option} {word}: no such choice; give {', '.join(list(choices)[:-1])} or {list(choices)[-1]}.")
     if search is not None and not search > 0.0:
         raise BadInput(f"--search {search:g}: must be more than 0; give the largest motion in px, or leave the option out.")
     try:

@@ -130,7 +130,7 @@ def test_a_processor_without_avx_gives_the_same_answer(lab, scene, tmp_path):
     assert np.max(np.abs(own[3] - generic[3])) < 1e-5
 
 
-@pytest.mark.parametrize("options", [{"interpolation": "quintic"}, {"shape_function": "quadratic"}])
+@pytest.mark.parametrize("options", [{"interpolation": "quintic"}, {"shape_function": "quadratic"}, {"shape_function": "quartic"}])
 def test_threads_do_not_change_the_result(lab, scene, measure, monkeypatch, options):
     first, second = lab.expose(scene(), 7.0, 1), lab.expose(scene(lab.Affine(u=2.3, v=1.7)), 7.0, 2)
     maps = []
@@ -146,7 +146,7 @@ def test_threads_do_not_change_the_result(lab, scene, measure, monkeypatch, opti
     ("change", "message"),
     [
         ({"interpolation": "linear"}, "interpolation must be cubic or quintic"),
-        ({"shape_function": "rigid"}, "shape_function must be affine or quadratic"),
+        ({"shape_function": "rigid"}, "shape_function must be affine, quadratic or quartic"),
         ({"min_valid_fraction": 0.0}, "min_valid_fraction must be above 0"),
     ],
 )

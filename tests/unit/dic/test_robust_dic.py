@@ -52,7 +52,7 @@ def test_nothing_wrong_calls_itself_converged(bench, hard, number, step_px):
     assert np.all(m.status[verdict.repeating] == PoiStatus.AMBIGUOUS)
 
 
-@pytest.mark.parametrize(("subset_px", "shape"), [(21, "affine"), (31, "quadratic")])
+@pytest.mark.parametrize(("subset_px", "shape"), [(21, "affine"), (31, "quadratic"), (43, "quartic")])
 def test_small_subsets_are_not_refused_for_their_noise(lab, subset_px, shape):
     speckle, motion = lab.Speckle(340, 300, seed=3), lab.Affine(u=0.3, v=0.6)
     first, second = lab.expose(speckle.render(), 10.0, 1), lab.expose(speckle.render(motion), 10.0, 2)
