@@ -80,9 +80,10 @@ class ReadingNoise:
         return _noticeable(self.resolution, self.recent, self.smallest_step, step_max)
 
 
-# Most rules need the noise of the same readings: force and extension, of the latest sample and of the one before.
+# A dozen rules need the noise of the same readings: of force and extension, with the latest sample and without it.
 @lru_cache(maxsize=4)
 def _noticeable(resolution: float, recent: tuple[float, ...], smallest_step: float, step_max: float) -> float:
+    """`ReadingNoise.noticeable` of a noise with these values."""
     noise = ReadingNoise(resolution, recent, smallest_step)
     return max(6.0 * noise.sigma, 2.0 * resolution, min(2.0 * noise.least_step, step_max))
 
