@@ -10,7 +10,6 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.experiment import GRID as PAPERS
 from blind.experiment import Conditions
 from blind.hiding import hidden_effect, hidden_values
 from blind.observing import observed
@@ -26,6 +25,7 @@ from semlive.model.effects import EFFECT_CLASSES
 from semlive.model.effects.maps.distortion_scale_drift import AFFINE
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
+FINE = Grid(101, 101, 15, 50, 40, 43)
 
 
 def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID) -> tuple[HyperparameterGrid, dict[str, float]]:
@@ -57,7 +57,7 @@ def test_an_amplitude_is_as_uncertain_as_the_onset_that_it_goes_with() -> None:
 
 
 def test_a_large_jump_between_the_instants_of_the_grid_is_told_as_large_as_it_is() -> None:
-    bare, truth = hiding("drift_jump", 0.5, 2, PAPERS)
+    bare, truth = hiding("drift_jump", 0.5, 2, FINE)
     found = told(likeliest(bare, "drift_jump"))
     for name, true in truth.items():
         value, sigma = found[name]
@@ -91,8 +91,13 @@ def test_effects_are_refitted_beside_each_other() -> None:
             assert abs(value - true) < 3.0 * sigma, f"{name} {parameter}: {value} +- {sigma}, hidden {true}"
 
 
-def test_a_law_that_is_a_sum_is_what_its_columns_say() -> None:
-    bare, _ = hiding("distortion_scale_drift", 0.2, 3)
+@pytest.fixture(scope="module")
+def scaling() -> HyperparameterGrid:
+    return hiding("distortion_scale_drift", 0.2, 3)[0]
+
+
+def test_a_law_that_is_a_sum_is_what_its_columns_say(scaling: HyperparameterGrid) -> None:
+    bare = scaling
     family, values = effect_class("distortion_scale_drift"), dict(zip(AFFINE, (0.4, -0.7, 0.2, 1.1), strict=True))
     sums = LinearParameterSums.of(bare, family)
     law = family.basis_field(bare.design.observation.geometry, values)
@@ -106,9 +111,9 @@ def test_a_law_that_is_a_sum_is_what_its_columns_say() -> None:
     assert LinearParameterSums.of(bare, effect_class("thermal_oscillation")) is None
 
 
-def test_only_what_is_linear_is_a_sum() -> None:
+def test_only_what_is_linear_is_a_sum(scaling: HyperparameterGrid) -> None:
     """Of every family that says so: half way between two values lies the mean of their columns."""
-    scene = hiding("distortion_scale_drift", 0.2, 3)[0].design.observation.geometry
+    scene = scaling.design.observation.geometry
     for family in (one for one in EFFECT_CLASSES if one.linear_in_parameters):
         for name in (one.name for one in family.nonlinear_parameters):
             low, half, high = (family.basis_field(scene, {name: value}) for value in (0.0, 0.5, 1.0))
