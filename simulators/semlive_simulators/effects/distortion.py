@@ -60,8 +60,9 @@ class AxisDistortion:
 
     def at(self, X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np.float64]:
         """This component in px at frame coordinates X, Y in -1 ... 1."""
-        wave = np.cos(np.pi * (self.wave_x * X + self.wave_y * Y) + self.wave_phase_rad)
-        total = self.constant_px + self.xx_px * X * X + self.xy_px * X * Y + self.yy_px * Y * Y + self.wave_px * wave
+        total = self.constant_px + self.xx_px * X * X + self.xy_px * X * Y + self.yy_px * Y * Y
+        if self.wave_px:
+            total = total + self.wave_px * np.cos(np.pi * (self.wave_x * X + self.wave_y * Y) + self.wave_phase_rad)
         if self.ripple_px:
             total = total + self.ripple_px * np.cos(np.pi * (self.ripple_x * X + self.ripple_y * Y) + self.ripple_phase_rad)
         if self.left_px:
