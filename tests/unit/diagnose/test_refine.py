@@ -10,6 +10,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
+from blind.experiment import GRID as PAPERS
 from blind.experiment import Conditions
 from blind.hiding import hidden_effect, hidden_values
 from blind.observing import observed
@@ -25,7 +26,6 @@ from semlive.model.effects import EFFECT_CLASSES
 from semlive.model.effects.maps.distortion_scale_drift import AFFINE
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
-FINE = Grid(101, 101, 15, 50, 40, 43)
 
 
 def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID) -> tuple[HyperparameterGrid, dict[str, float]]:
@@ -57,7 +57,7 @@ def test_an_amplitude_is_as_uncertain_as_the_onset_that_it_goes_with() -> None:
 
 
 def test_a_large_jump_between_the_instants_of_the_grid_is_told_as_large_as_it_is() -> None:
-    bare, truth = hiding("drift_jump", 0.5, 2, FINE)
+    bare, truth = hiding("drift_jump", 0.5, 2, PAPERS)
     found = told(likeliest(bare, "drift_jump"))
     for name, true in truth.items():
         value, sigma = found[name]
