@@ -1,4 +1,4 @@
-"""Every import contract is broken once on purpose, in a copy of the tree, and seen to fail."""
+"""Every import contract is broken on purpose, in a copy of the tree, and each forbidden import is found by its contract."""
 
 from __future__ import annotations
 
@@ -84,18 +84,29 @@ ALLOWED = [
 pytestmark = pytest.mark.checkout
 
 
-@pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def copy_to(folder: Path) -> Path:
     """A copy of the packages and their contracts."""
-    folder = tmp_path_factory.mktemp("tree")
     for name in ("semlive", "drivers", "simulators"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", folder)
     return folder
 
 
-def broken_contracts(tree: Path) -> set[str]:
-    """The contracts that lint-imports finds broken in a tree."""
+def planted(copy: Path, number: int, file: str, statement: str) -> str:
+    """Add an import to a file of the copy; a new file gets the number into its name.
+
+    Returns:
+        The beginning of the line in which lint-imports reports the import: its module.
+    """
+    path = copy / (file if (ROOT / file).exists() or file.endswith("__init__.py") else file.replace("broken", f"broken_{number}"))
+    path.parent.mkdir(exist_ok=True)
+    path.write_text((path.read_text("utf-8") if path.exists() else "") + f"\n{statement}\n", "utf-8")
+    module = path.relative_to(copy).with_suffix("").parts
+    return ".".join(part for part in module if part not in (*ROOTS, "__init__"))
+
+
+def lint(tree: Path) -> dict[str, str]:
+    """The violations that lint-imports prints for each broken contract of a tree."""
     path = os.pathsep.join(str(tree / root) for root in ROOTS)
     ran = subprocess.run(
         [Path(sysconfig.get_path("scripts")) / "lint-imports", "--no-cache", "--no-logo"],
@@ -108,41 +119,38 @@ def broken_contracts(tree: Path) -> set[str]:
     )
     verdicts = dict(re.findall(r"^(.+) (KEPT|BROKEN)\b", ran.stdout, re.MULTILINE))
     assert set(verdicts) == set(CONTRACTS.values()), ran.stdout + ran.stderr
-    broken = {key for key, name in CONTRACTS.items() if verdicts[name] == "BROKEN"}
+    broken = {key: name for key, name in CONTRACTS.items() if verdicts[name] == "BROKEN"}
     assert (ran.returncode != 0) == bool(broken)
-    return broken
+    parts = re.split(r"^(.+)\n-+\n", ran.stdout, flags=re.MULTILINE)  # what precedes the first title, then titles and texts in turn
+    texts = dict(zip(parts[1::2], parts[2::2], strict=True))
+    return {key: texts[name] for key, name in broken.items()}
 
 
-def broken_by(copy: Path, file: str, statement: str) -> set[str]:
-    """The contracts that break when a file of the copy gets one import more."""
-    path = copy / file
-    before = path.read_text("utf-8") if path.exists() else None
-    new_folder = not path.parent.exists()
-    path.parent.mkdir(exist_ok=True)
-    path.write_text((before or "") + f"\n{statement}\n", "utf-8")
-    try:
-        return broken_contracts(copy)
-    finally:
-        if before is not None:
-            path.write_text(before, "utf-8")
-        elif new_folder:
-            shutil.rmtree(path.parent)
-        else:
-            path.unlink()
+@pytest.fixture(scope="module")
+def violations(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], list[str]]:
+    """What lint-imports prints, by contract, for a copy with all of `BREAKS`, and the module of each of them."""
+    copy = copy_to(tmp_path_factory.mktemp("broken"))
+    modules = [planted(copy, number, file, statement) for number, (_, file, statement) in enumerate(BREAKS)]
+    return lint(copy), modules
 
 
-def test_the_tree_keeps_its_contracts(copy: Path) -> None:
-    assert broken_contracts(copy) == set()
+def test_the_tree_keeps_its_contracts(tmp_path: Path) -> None:
+    assert lint(copy_to(tmp_path)) == {}
 
 
-@pytest.mark.parametrize(("contract", "file", "statement"), BREAKS)
-def test_breaking_a_contract_is_seen(copy: Path, contract: str, file: str, statement: str) -> None:
-    assert contract in broken_by(copy, file, statement)
+@pytest.mark.parametrize("number", range(len(BREAKS)), ids=lambda number: "-".join(BREAKS[number]))
+def test_breaking_a_contract_is_seen(violations: tuple[dict[str, str], list[str]], number: int) -> None:
+    printed, modules = violations
+    contract, _, statement = BREAKS[number]
+    imported = re.escape(statement.replace("from semlive import ", "import semlive.").split()[1].split(".")[0])
+    assert re.search(rf"^\W*{re.escape(modules[number])}( -> {imported}\b|$)", printed[contract], re.MULTILINE)
 
 
-@pytest.mark.parametrize(("file", "statement"), ALLOWED)
-def test_what_the_house_allows_passes(copy: Path, file: str, statement: str) -> None:
-    assert broken_by(copy, file, statement) == set()
+def test_what_the_house_allows_passes(tmp_path: Path) -> None:
+    copy = copy_to(tmp_path)
+    for number, (file, statement) in enumerate(ALLOWED):
+        planted(copy, number, file, statement)
+    assert lint(copy) == {}
 
 
 def test_every_contract_is_tried() -> None:

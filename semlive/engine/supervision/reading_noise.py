@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from dataclasses import dataclass, replace
+import operator
+from dataclasses import dataclass
+from functools import lru_cache
 from statistics import median
 
 _MAX_READINGS = 33
@@ -35,7 +36,7 @@ class ReadingNoise:
             return self
         step = abs(value - self.recent[-1]) if self.recent else 0.0
         smallest = min(self.smallest_step, step) if step > 0.0 else self.smallest_step
-        return replace(self, recent=(*self.recent, value)[-_MAX_READINGS:], smallest_step=smallest)
+        return ReadingNoise(self.resolution, (*self.recent, value)[-_MAX_READINGS:], smallest)
 
     def mean(self, count: int) -> float:
         """Mean of the latest readings, at most `count`; NaN before the first."""
@@ -57,7 +58,7 @@ class ReadingNoise:
         values = self.recent
         if len(values) < _MIN_READINGS:
             return 0.0
-        return _SIGMA_PER_MEDIAN * median(abs(a - 2.0 * b + c) for a, b, c in zip(values, values[1:], values[2:], strict=False))
+        return _SIGMA_PER_MEDIAN * median([abs(a - 2.0 * b + c) for a, b, c in zip(values, values[1:], values[2:], strict=False)])
 
     @property
     def least_step(self) -> float:
@@ -66,7 +67,7 @@ class ReadingNoise:
         The smallest observed step counts only if readings repeat exactly: a noisy channel with a fine format shows any step.
         """
         values = self.recent
-        repeats = sum(a == b for a, b in itertools.pairwise(values))
+        repeats = sum(map(operator.eq, values, values[1:]))
         quantised = math.isfinite(self.smallest_step) and 4 * repeats >= len(values)
         return max(self.resolution, self.smallest_step if quantised else 0.0)
 
@@ -76,7 +77,15 @@ class ReadingNoise:
         Args:
             step_max: largest quantisation step that is derived from readings. A fast ramp without noise looks like quantisation, too.
         """
-        return max(6.0 * self.sigma, 2.0 * self.resolution, min(2.0 * self.least_step, step_max))
+        return _noticeable(self.resolution, self.recent, self.smallest_step, step_max)
+
+
+# A dozen rules need the noise of the same readings: of force and extension, with the latest sample and without it.
+@lru_cache(maxsize=4)
+def _noticeable(resolution: float, recent: tuple[float, ...], smallest_step: float, step_max: float) -> float:
+    """`ReadingNoise.noticeable` of a noise with these values."""
+    noise = ReadingNoise(resolution, recent, smallest_step)
+    return max(6.0 * noise.sigma, 2.0 * resolution, min(2.0 * noise.least_step, step_max))
 
 
 NO_READINGS = ReadingNoise()

@@ -60,11 +60,16 @@ class AxisDistortion:
 
     def at(self, X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np.float64]:
         """This component in px at frame coordinates X, Y in -1 ... 1."""
-        wave = np.cos(np.pi * (self.wave_x * X + self.wave_y * Y) + self.wave_phase_rad)
-        plain = self.constant_px + self.xx_px * X * X + self.xy_px * X * Y + self.yy_px * Y * Y + self.wave_px * wave
-        ripple = self.ripple_px * np.cos(np.pi * (self.ripple_x * X + self.ripple_y * Y) + self.ripple_phase_rad)
-        left_edge = self.left_px * np.exp(-(X + 1.0) / (2.0 * self.left_reach))
-        return plain + ripple + left_edge + self.top_px * np.exp(-(Y + 1.0) / (2.0 * self.top_reach))
+        total = self.constant_px + self.xx_px * X * X + self.xy_px * X * Y + self.yy_px * Y * Y
+        if self.wave_px:
+            total = total + self.wave_px * np.cos(np.pi * (self.wave_x * X + self.wave_y * Y) + self.wave_phase_rad)
+        if self.ripple_px:
+            total = total + self.ripple_px * np.cos(np.pi * (self.ripple_x * X + self.ripple_y * Y) + self.ripple_phase_rad)
+        if self.left_px:
+            total = total + self.left_px * np.exp(-(X + 1.0) / (2.0 * self.left_reach))
+        if self.top_px:
+            total = total + self.top_px * np.exp(-(Y + 1.0) / (2.0 * self.top_reach))
+        return total
 
 
 @dataclass(frozen=True, slots=True)

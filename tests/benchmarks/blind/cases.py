@@ -71,6 +71,10 @@ class Case:
 
     def effects(self) -> tuple[Effect, ...]:
         """What is hidden."""
+        return _effects(self)
+
+    def sized(self) -> tuple[Effect, ...]:
+        """The same, without the cache."""
         if self.kind == STRANGER:
             return (self._stranger(),)
         if self.kind == CONFOUNDED:
@@ -130,9 +134,14 @@ class Case:
         """The effects that diagnosis knows."""
         return tuple(one for one in EFFECT_CLASSES if self.kind != LEFT_OUT or one.name not in self.names)
 
-    def observed(self) -> Observation:
+    def observed(self, grid: Grid = GRID) -> Observation:
         """The data."""
-        return observed(self.conditions(), self.effects(), GRID)
+        return observed(self.conditions(), self.effects(), grid)
+
+
+@cache  # a size is found by two simulations of the whole experiment
+def _effects(case: Case) -> tuple[Effect, ...]:
+    return case.sized()
 
 
 @cache

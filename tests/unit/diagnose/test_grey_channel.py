@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -47,18 +48,24 @@ def blurred(image: Image, sigma_px: float) -> Image:
     return np.real(np.fft.ifft2(fourier_gaussian(np.fft.fft2(image), sigma_px)))
 
 
+@cache
+def moved_pattern(u_px: float, v_px: float) -> Image:
+    """The picture moved: every series has the same moves."""
+    return shifted(pattern(), u_px, v_px)
+
+
 def as_it_is(grey: Image, time_s: Image) -> Image:
     return grey
 
 
 def series(seed: int, changed: Changed = as_it_is, pairs: int = 6, bits: int = 8) -> IntensityFrames:
     """Frames on the same material, which moves from pair to pair and drifts a little within."""
-    rng, own = np.random.default_rng(seed), pattern()
+    rng = np.random.default_rng(seed)
     images, maps, starts_s = [], [], []
     for frame in range(2 * pairs):
         u_px, v_px = (0.0, 0.0) if frame == 0 else (3.3 * (frame // 2 % 3) + 0.13 * frame, -2.6 * (frame // 2 % 2) + 0.21 * (frame % 2))
         start_s = PAIR_S * (frame // 2) + 30.0 * (frame % 2)
-        grey = changed(shifted(own, u_px, v_px), start_s + ROW_S * np.arange(EDGE_PX)[:, None])
+        grey = changed(moved_pattern(u_px, v_px), start_s + ROW_S * np.arange(EDGE_PX)[:, None])
         noisy = grey + np.sqrt(DARK + PER_LEVEL * grey) * rng.standard_normal(grey.shape)
         scale = 1.0 if bits == 8 else 257.0
         images.append((np.clip(np.round(noisy * scale), 0, 2**bits - 1) / scale).astype(np.float32))
@@ -79,6 +86,12 @@ def disparity(reference: int, current: int, u_px: float, v_px: float) -> Dispari
     return DisparityMap(reference, current, GRID, u_px * flat, v_px * flat, 0.01 * flat, 0.01 * flat, flat, np.zeros(GRID.shape, np.uint8))
 
 
+@cache
+def of_noise(seed: int) -> IntensityDiagnosis:
+    """What is found where nothing changed."""
+    return diagnose_intensity(series(seed))
+
+
 def told(found: IntensityDiagnosis, name: str) -> dict[str, tuple[float, float]]:
     (effect,) = [one for one in found.effects if one.name == name]
     return {one.name: (one.value, one.sigma) for one in effect.parameters}
@@ -90,18 +103,18 @@ def names(found: IntensityDiagnosis) -> list[str]:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_nothing_is_named_where_nothing_is(seed: int) -> None:
-    found = diagnose_intensity(series(seed))
+    found = of_noise(seed)
     assert (found.outcome, names(found), found.unexplained) == (Outcome.NONE, [], "")
     assert found.where[0].p_value > 0.002
 
 
 def test_p_of_intensity_is_spread_evenly() -> None:
-    p_values = [diagnose_intensity(series(seed)).where[0].p_value for seed in range(40)]
+    p_values = [of_noise(seed).where[0].p_value for seed in range(40)]
     assert np.mean(np.array(p_values) < 0.3) < 0.5
 
 
 def test_noise_is_told_as_a_line_over_grey() -> None:
-    dark, slope = diagnose_intensity(series(1)).noise
+    dark, slope = of_noise(1).noise
     assert slope.value == pytest.approx(PER_LEVEL, abs=4.0 * slope.sigma)
     assert dark.value == pytest.approx(DARK + 1.0 / 12.0, abs=4.0 * dark.sigma)
     assert slope.sigma < 0.02
@@ -253,7 +266,7 @@ def effect(name: str, *parameters: tuple[str, float, float]) -> IdentifiedEffect
 
 @pytest.fixture(scope="module")
 def quiet() -> IntensityDiagnosis:
-    return diagnose_intensity(series(1))
+    return of_noise(1)
 
 
 FLASH = effect("charging_jump", ("flash_levels", 20.0, 1.0), ("flash_at_s", 903.0, 0.2))

@@ -91,8 +91,13 @@ def test_effects_are_refitted_beside_each_other() -> None:
             assert abs(value - true) < 3.0 * sigma, f"{name} {parameter}: {value} +- {sigma}, hidden {true}"
 
 
-def test_a_law_that_is_a_sum_is_what_its_columns_say() -> None:
-    bare, _ = hiding("distortion_scale_drift", 0.2, 3)
+@pytest.fixture(scope="module")
+def scaling() -> HyperparameterGrid:
+    return hiding("distortion_scale_drift", 0.2, 3)[0]
+
+
+def test_a_law_that_is_a_sum_is_what_its_columns_say(scaling: HyperparameterGrid) -> None:
+    bare = scaling
     family, values = effect_class("distortion_scale_drift"), dict(zip(AFFINE, (0.4, -0.7, 0.2, 1.1), strict=True))
     sums = LinearParameterSums.of(bare, family)
     law = family.basis_field(bare.design.observation.geometry, values)
@@ -106,9 +111,9 @@ def test_a_law_that_is_a_sum_is_what_its_columns_say() -> None:
     assert LinearParameterSums.of(bare, effect_class("thermal_oscillation")) is None
 
 
-def test_only_what_is_linear_is_a_sum() -> None:
+def test_only_what_is_linear_is_a_sum(scaling: HyperparameterGrid) -> None:
     """Of every family that says so: half way between two values lies the mean of their columns."""
-    scene = hiding("distortion_scale_drift", 0.2, 3)[0].design.observation.geometry
+    scene = scaling.design.observation.geometry
     for family in (one for one in EFFECT_CLASSES if one.linear_in_parameters):
         for name in (one.name for one in family.nonlinear_parameters):
             low, half, high = (family.basis_field(scene, {name: value}) for value in (0.0, 0.5, 1.0))

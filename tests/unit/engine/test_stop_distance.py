@@ -26,7 +26,7 @@ from .test_supervision import DRIVE, LIMITS, LOAD, STIFFNESS, Machine, all_froze
 
 CASE = RampCase(LIMITS, start_n=0.0, target_n=300.0, rate_n_s=30.0, tolerance_n=3.0, poll_s=0.05)
 DRIVEN = replace(CASE, control=ControlMode.DISPLACEMENT, stiffness_n_mm=STIFFNESS)
-RATES = (1.0, 5.0, 30.0)
+RATES = (2.0, 5.0, 30.0)
 
 
 def row_of(case: RampCase, code: FaultCode, fault: str = "") -> StopDistance:

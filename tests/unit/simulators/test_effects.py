@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 from pathlib import Path
@@ -131,8 +132,13 @@ PEAKS_PX: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
 """Largest displacement in the frame at x200 and at x10000 that the literature and experience give."""
 
 
+@functools.cache
+def paper_x200() -> Scenario:
+    return load_scenario("paper_x200")
+
+
 def calm(magnification: str, chosen: dict[str, Any], width: int = 1024, height: int = 884, bits: int = 16) -> Scenario:
-    paper = load_scenario("paper_x200")
+    paper = paper_x200()
     flat = dataclasses.replace(paper.distortion.x, constant_px=0, xx_px=0, xy_px=0, yy_px=0, wave_px=0)
     still = dataclasses.replace(paper.drift.x, warmup_px=0, linear_px_s=0, quadratic_px_s2=0)
     row_s = paper.scan.row_time_s
