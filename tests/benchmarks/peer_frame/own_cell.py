@@ -106,7 +106,7 @@ STATES = (
     ),
     second(
         "state-stuck-at-still",
-        "fault: the load changes although the device says that it is still",
+        "fault: the load changes although the device reports rest",
         replace(_FLAT, codes=()),
         "stuckstill 1",
     ),

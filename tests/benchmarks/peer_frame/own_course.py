@@ -66,7 +66,7 @@ COURSES = (
     ),
     Scenario(
         "resume-still-frozen",
-        "freeze 1 at 60 N; the operator resumes twice although the reading still stands",
+        "freeze 1 at 60 N; the operator resumes twice although the reading is still constant",
         "stop each time; the true load within its bounds",
         Expected(stop_within_s=2.0, no_orders=False),
         (
@@ -215,7 +215,7 @@ RESTS = (
         expected=replace(_MOVED, stop_within_s=2.0, codes=()),
     ),
     replace(
-        _creeping("moved-with-state-still", "the state tells still, and somebody drives it to 395 N", "stuckstill 1", "goto 395"),
+        _creeping("moved-with-state-still", "the state remains at rest, and somebody drives it to 395 N", "stuckstill 1", "goto 395"),
         expected=replace(_MOVED, stop_within_s=2.0, codes=()),
     ),
     _creeping("specimen-breaks", "the specimen breaks in the hold", "break 1"),

@@ -108,7 +108,7 @@ START = (
             "ratex 1",
         ),
         acts=(Act(When(), ("freeze 1",)),),
-        what="the reading stands at 0 N from the start; the loop acts on it",
+        what="the reading is constant at 0 N from the start; the loop acts on it",
         device={"sensed": 1},
     ),
     replace(
@@ -126,7 +126,7 @@ START = (
             "unit-kn-instead-of-n", "stop, fault", Expected(stop_within_s=2.0, since_force_n=10.0, codes=(), no_orders=False), "ratex 1"
         ),
         acts=(Act(When(), ("gain 0.001",)),),
-        what="the cell tells kN instead of N; the loop acts on it",
+        what="the cell reads in kN instead of N; the loop acts on it",
         device={"sensed": 1},
     ),
 )

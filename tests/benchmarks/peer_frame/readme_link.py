@@ -148,7 +148,7 @@ MASTERS = (
     Scenario(
         "control-suspended",
         "in the ramp: wdog 2, SIGSTOP of control for 4 s",
-        "the device's own watchdog stops it; fault when control goes on",
+        "the device's own watchdog stops it; fault when control continues",
         Expected(stop_within_s=6.0),
         (
             Act(When("ramping", force_n=30.0), ("wdog 2",), is_fault=False),
