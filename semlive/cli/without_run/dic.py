@@ -68,7 +68,8 @@ def dic(
     start = time.perf_counter()
     reference = None if engine.is_large(image.shape, grid) else engine.prepare(image, grid, settings, used)
     prepared_s = time.perf_counter() - start
-    figures = []
+    figures: list[dict[str, object]] = []
+    without_points: list[Path] = []
     for number, path in enumerate(_with_progress(cur), start=1):
         current = _read_same_size(path, ref, image)
         start = time.perf_counter()
@@ -83,8 +84,18 @@ def dic(
         figures.append(_figures(disparity, settings, wall_s))
         if not as_json:
             echo(_summary_line(path, disparity, wall_s))
+        if engine.has_few_points(disparity):
+            reason = engine.explain_no_points(image, current, disparity, settings, mask=used)
+            figures[-1]["reason"] = {"cause": reason.cause.value, "text": reason.text, "remedy": reason.remedy}
+            found = int(disparity.valid.sum())
+            echo(f"{path}: {f'few points ({found}) were' if found else 'no point was'} found: {reason}", err=True)
+            without_points += [] if found else [path]
     if as_json:
         typer.echo(json.dumps(figures[0] if len(figures) == 1 else figures))
+    if without_points:
+        if len(cur) > 1:
+            echo(f"{len(without_points)} of {len(cur)} images have no point: {', '.join(p.name for p in without_points)}", err=True)
+        raise typer.Exit(1)
 
 
 def _poor(image: Image, settings: DicSettings, used: NDArray[np.bool_] | None) -> tuple[str, ...]:
@@ -200,7 +211,7 @@ def _write(path: Path, disparity: DisparityMap) -> None:
         raise BadInput(f"{path}: cannot be written ({error.strerror}); give a path that can.") from error
 
 
-def _figures(disparity: DisparityMap, settings: DicSettings, wall_s: float) -> dict[str, int | float]:
+def _figures(disparity: DisparityMap, settings: DicSettings, wall_s: float) -> dict[str, object]:
     return {
         "points": int(disparity.status.size),
         "converged": int(disparity.valid.sum()),
