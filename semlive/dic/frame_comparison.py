@@ -1,6 +1,6 @@
 """Comparison of two complete frames: the geometric change or the change of contrast after which they correlate.
 
-A frame pair without matching points is compared as a whole. The phase correlation of the low-passed frames has a peak if both show
+A frame pair without matching points is compared in one piece. The phase correlation of the low-passed frames has a peak if both show
 the same place. The peak is expressed in standard deviations of the surface. It counts only if the cross-correlation at the same shift is
 high, too: structure that is not white, such as grains and shading, raises the phase correlation of unrelated frames.
 """
