@@ -23,6 +23,7 @@ from semlive.errors import BadInput
 from semlive.kernels import images, interface
 from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
 from semlive.kernels.local_planes import fit_local_planes
+from semlive.kernels.shot_noise import gradient_grey_sums
 from semlive.kernels.spline import CUBIC, QUINTIC
 from semlive.kernels.threads import run_pair_in_parallel
 
@@ -90,15 +91,24 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
         fitted=sums.gradient_sum.shape[-1],
         pixels=sums.pixels,
     )
+    variance_u, variance_v, covariance, residual = (
+        2.0 * variance * sums.variance_u,
+        2.0 * variance * sums.variance_v,
+        2.0 * variance * sums.covariance,
+        variance,
+    )
+    if (factors := reference.factors) is not None:
+        variance_u, variance_v, covariance = variance_u * factors.u, variance_v * factors.v, covariance * np.sqrt(factors.u * factors.v)
+        residual = variance / factors.level  # comparable between bright and dark subsets
     return PointMeasurements(
         u_px=np.where(valid, p[..., 0], 0.0),
         v_px=np.where(valid, p[..., 3], 0.0),
         gradient=p[..., [1, 2, 4, 5]].astype(np.float32, order="C"),
-        sigma_u_px=np.sqrt(2.0 * variance * sums.variance_u),
-        sigma_v_px=np.sqrt(2.0 * variance * sums.variance_v),
-        covariance_px2=2.0 * variance * sums.covariance,
+        sigma_u_px=np.sqrt(variance_u),
+        sigma_v_px=np.sqrt(variance_v),
+        covariance_px2=covariance,
         zncc=solutions.zncc,
-        residual=variance.astype(np.float32),
+        residual=residual.astype(np.float32),
         contrast=(sums.norm**2 / np.maximum(sums.pixels, 1.0)).astype(np.float32),
         status=solutions.status,
         iterations=solutions.iterations,
@@ -212,4 +222,5 @@ def warm_up(settings: DicSettings) -> None:
     correlate(reference, current, small, reference_frame=0, current_frame=1)
     images.to_float32_grey(image.astype(np.uint16))
     no_points = np.zeros((1, 1), dtype=np.bool_)
+    gradient_grey_sums(reference.sums)  # needed where the noise grows with the grey level
     fit_local_planes(np.zeros((1, 1)), np.zeros((1, 1)), no_points, no_points, 1)  # not needed by a pair without outliers

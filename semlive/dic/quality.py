@@ -72,6 +72,7 @@ def quality(
     contrast = float(np.sqrt(max(float(np.mean(grey**2)) / used - noise**2, 0.0)))
     speckle_x, speckle_y = _speckle_size(grey, noise, mask)
     full_scale = grey_scale(pixels).full_scale
+    factor_u, factor_v = (1.0, 1.0) if reference.factors is None else (reference.factors.u, reference.factors.v)
     usable = np.asarray(reference.status == PoiStatus.CONVERGED)
     sums = reference.sums
     facts = PatternQuality(
@@ -85,8 +86,8 @@ def quality(
         speckles_per_subset=grid.subset_px**2 / (speckle_x * speckle_y) if speckle_x * speckle_y > 0.0 else 0.0,
         mean_intensity_gradient_grey_px=_mean_gradient(grey, noise, mask),
         sssig=np.where(usable, sums.sssig, 0.0),
-        sigma_u_px=np.where(usable, np.sqrt(2.0 * sums.variance_u) * local, 0.0),
-        sigma_v_px=np.where(usable, np.sqrt(2.0 * sums.variance_v) * local, 0.0),
+        sigma_u_px=np.where(usable, np.sqrt(2.0 * sums.variance_u * factor_u) * local, 0.0),
+        sigma_v_px=np.where(usable, np.sqrt(2.0 * sums.variance_v * factor_v) * local, 0.0),
         usable=usable,
         warnings=(),
     )
