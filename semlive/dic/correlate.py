@@ -18,6 +18,7 @@ from semlive.dic.initial_guess.search import match
 from semlive.dic.outlier_rejection import PointMeasurements, rejection_status
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distance
+from semlive.dic.second_estimate import SecondEstimates, confirm, is_doubtful, second_estimates
 from semlive.dic.uncertainty import noise_variance
 from semlive.errors import BadInput
 from semlive.kernels import images, interface
@@ -74,7 +75,14 @@ def correlate(
     )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
     measurements = point_measurements(reference, solutions, settings)
-    return to_disparity_map(measurements, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+    return to_disparity_map(
+        measurements,
+        reference.grid,
+        settings,
+        reference_frame=reference_frame,
+        current_frame=current_frame,
+        second=lambda: second_estimates(reference, current, solutions, settings),
+    )
 
 
 def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:
@@ -116,10 +124,27 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
 
 
 def to_disparity_map(
-    measurements: PointMeasurements, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int
+    measurements: PointMeasurements,
+    grid: Grid,
+    settings: DicSettings,
+    *,
+    reference_frame: int,
+    current_frame: int,
+    second: Callable[[], SecondEstimates] | None = None,
 ) -> DisparityMap:
-    """Disparity map of the accepted point measurements."""
+    """Disparity map of the accepted point measurements.
+
+    Args:
+        measurements: measurements of the complete map.
+        grid: grid of the points.
+        settings: of the correlation.
+        reference_frame: number of the reference frame.
+        current_frame: number of the current frame.
+        second: function that returns second estimates, called only for maps with many doubtful points; None: none are made.
+    """
     verdict = rejection_status(measurements, grid, curved=settings.shape_function != "affine")
+    if second is not None and is_doubtful(measurements, verdict):
+        measurements, verdict = confirm(measurements, verdict, second(), grid)
     valid = measurements.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
