@@ -24,7 +24,7 @@ from semlive.kernels import images, interface
 from semlive.kernels.icgn import SEEDED, SKIP
 from semlive.kernels.warp import AFFINE
 
-MIN_DOUBTFUL = 0.25  # fraction of the converged points that outlier rejection refuses; below, the noise model is valid for the map
+MIN_DOUBTFUL = 0.3  # of the converged points refused: the noise model is not valid; 0.35 to 1 on AFM frames, 0.21 at most with occlusion
 BANDS = ((1 / 40, 1 / 8), (1 / 20, 1 / 5))  # standard deviations of both filters of each band, in subsets
 MIN_BAND_ZNCC = 0.5  # a band contains less contrast and more noise
 AGREEMENT_PX = 0.3  # for subsets of REFERENCE_SUBSET_PX, plus SIGMAS of noise; without it, errors up to 6 px agreed within 1 px
