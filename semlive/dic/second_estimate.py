@@ -22,6 +22,7 @@ from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import Reference, gradient_gain
 from semlive.kernels import images, interface
 from semlive.kernels.icgn import SEEDED, SKIP
+from semlive.kernels.local_planes import fit_local_planes
 from semlive.kernels.warp import AFFINE
 
 MIN_DOUBTFUL = 0.3  # of the converged points refused: the noise model is not valid; 0.35 to 1 on AFM frames, 0.21 at most with occlusion
@@ -117,8 +118,8 @@ def confirm(
 ) -> tuple[PointMeasurements, NDArray[np.uint8]]:
     """Return the measurements with larger uncertainties, and the status after comparison with the second estimates.
 
-    Points at which both bands agree with the frames, as for most of their neighbours, are CONVERGED. Of the others the status remains;
-    a point that outlier rejection accepted, but a band contradicts, is INCONSISTENT.
+    Points at which both bands agree with the frames, as for most of their neighbours and with a plane through these, are CONVERGED. Of
+    the others the status remains; a point that outlier rejection accepted, but a band contradicts, is INCONSISTENT.
 
     Args:
         measured: measurements of the map.
@@ -139,13 +140,16 @@ def confirm(
     confirmed = agree & (count >= MIN_CONFIRMED * points)
     squares = np.mean(second.difference_px**2, axis=0) * agree[..., None]
     own = SCATTER_FACTOR * np.maximum(np.dstack([near(np.ascontiguousarray(squares[..., k])) / count for k in range(2)]), squares)
+    sigma_u, sigma_v = np.sqrt(measured.sigma_u_px**2 + own[..., 0]), np.sqrt(measured.sigma_v_px**2 + own[..., 1])
+    if confirmed.any():
+        u, v, _, _ = fit_local_planes(
+            *(np.ascontiguousarray(a, dtype=np.float64) for a in (measured.u_px, measured.v_px)), confirmed, confirmed, width // 2
+        )
+        away = np.hypot(measured.u_px[confirmed] - u, measured.v_px[confirmed] - v)
+        tolerance = AGREEMENT_PX * grid.subset_px / REFERENCE_SUBSET_PX + SIGMAS * np.maximum(sigma_u, sigma_v)[confirmed]
+        confirmed[confirmed] = away <= tolerance  # static structure agrees in both bands, too, but not with its neighbours
     status = verdict.copy()
     refused = (verdict == PoiStatus.LOW_ZNCC) | (verdict == PoiStatus.INCONSISTENT)
     status[confirmed & refused] = PoiStatus.CONVERGED
     status[measured.valid & ~agree & (verdict == PoiStatus.CONVERGED)] = PoiStatus.INCONSISTENT
-    inflated = replace(
-        measured,
-        sigma_u_px=np.sqrt(measured.sigma_u_px**2 + own[..., 0]),
-        sigma_v_px=np.sqrt(measured.sigma_v_px**2 + own[..., 1]),
-    )
-    return inflated, status
+    return replace(measured, sigma_u_px=sigma_u, sigma_v_px=sigma_v), status

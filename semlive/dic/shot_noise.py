@@ -87,16 +87,21 @@ def estimate_shot_noise(f: NDArray[np.float32]) -> ShotNoise | None:
     if square.size < STRIP_ROWS**2:
         return None
     centred = level - level.mean()
-    spread = float(centred @ centred) - NOISE_IN_LEVEL * float(square.sum())
+    spread = _dot(centred, centred) - NOISE_IN_LEVEL * float(square.sum())
     if not spread > 0.0:
         return None
-    slope = float(centred @ square) / spread
+    slope = _dot(centred, square) / spread
     variance = float(square.mean() - slope * level.mean())
     residual = square - square.mean() - slope * centred
-    sigma = float(np.sqrt(DEPENDENCE * (residual @ residual) / square.size / spread))
+    sigma = float(np.sqrt(DEPENDENCE * _dot(residual, residual) / square.size / spread))
     if slope < SIGNIFICANCE * sigma or variance < MIN_NOISE_GREY**2:
         return None
     return ShotNoise(variance, slope)
+
+
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Scalar product whose last bits do not depend on the address of the arrays, as those of BLAS do."""
+    return float(np.sum(a * b))
 
 
 def noise_factors(sums: SubsetSums, noise: ShotNoise) -> NoiseFactors:

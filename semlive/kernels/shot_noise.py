@@ -27,7 +27,7 @@ def gradient_grey_sums(reference: SubsetSums) -> NDArray[np.float64]:
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _add_row(f, gx, gy, xx, xy, yy):
     for i in range(f.size):
         x, y = gx[i], gy[i]
@@ -40,14 +40,21 @@ def _add_row(f, gx, gy, xx, xy, yy):
 def _sum_rows(planes, first, last, x0, y0, step, half, out):
     """Rows first..last-1 of the points of `out`: columns are summed once for a row of points, then over each subset."""
     nx, size = out.shape[2], 2 * half + 1
-    left, columns = x0 - half, (nx - 1) * step + size
+    first_column, columns = x0 - half, (nx - 1) * step + size
     sums = np.empty((SUMS, columns), dtype=np.float32)
     for j in range(first, last):
         sums[:] = np.float32(0.0)
         top = y0 + j * step - half
         for y in range(top, top + size):
             row = planes[y]
-            _add_row(row[0, left : left + columns], row[1, left : left + columns], row[2, left : left + columns], sums[0], sums[1], sums[2])
+            _add_row(
+                row[0, first_column : first_column + columns],
+                row[1, first_column : first_column + columns],
+                row[2, first_column : first_column + columns],
+                sums[0],
+                sums[1],
+                sums[2],
+            )
         for kind in range(SUMS):
             for i in range(nx):
                 total = 0.0
