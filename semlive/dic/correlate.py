@@ -130,7 +130,7 @@ def to_disparity_map(
     *,
     reference_frame: int,
     current_frame: int,
-    second: Callable[[], SecondEstimates] | None = None,
+    second: Callable[[], SecondEstimates | None] | None = None,
 ) -> DisparityMap:
     """Disparity map of the accepted point measurements.
 
@@ -143,8 +143,8 @@ def to_disparity_map(
         second: function that returns second estimates, called only for maps with many doubtful points; None: none are made.
     """
     verdict = rejection_status(measurements, grid, curved=settings.shape_function != "affine")
-    if second is not None and is_doubtful(measurements, verdict):
-        measurements, verdict = confirm(measurements, verdict, second(), grid)
+    if second is not None and is_doubtful(measurements, verdict) and (estimates := second()) is not None:
+        measurements, verdict = confirm(measurements, verdict, estimates, grid)
     valid = measurements.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:

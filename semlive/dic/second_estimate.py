@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from semlive.data.disparity import PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
-from semlive.dic.outlier_rejection import PointMeasurements
+from semlive.dic.outlier_rejection import HIGH_NOISE_VARIANCE, PointMeasurements
 from semlive.dic.reference import Reference, gradient_gain
 from semlive.kernels import images, interface
 from semlive.kernels.icgn import SEEDED, SKIP
 from semlive.kernels.local_planes import fit_local_planes
 from semlive.kernels.warp import AFFINE
 
-MIN_DOUBTFUL = 0.3  # of the converged points refused: the noise model is not valid; 0.35 to 1 on AFM frames, 0.21 at most with occlusion
+MIN_DOUBTFUL = 0.45  # of the converged points refused: the noise model is not valid; 0.51 to 1 on AFM frames, 0.21 at most with occlusion
 BANDS = ((1 / 40, 1 / 8), (1 / 20, 1 / 5))  # standard deviations of both filters of each band, in subsets
 MIN_BAND_ZNCC = 0.5  # a band contains less contrast and more noise
 AGREEMENT_PX = 0.3  # for subsets of REFERENCE_SUBSET_PX, plus SIGMAS of noise; without it, errors up to 6 px agreed within 1 px
@@ -57,8 +57,8 @@ def is_doubtful(measured: PointMeasurements, verdict: NDArray[np.uint8]) -> bool
 
 def second_estimates(
     reference: Reference, current: NDArray[np.float32], solutions: interface.Solutions, settings: DicSettings
-) -> SecondEstimates:
-    """Correlate the converged points again in two bands, from their solutions.
+) -> SecondEstimates | None:
+    """Correlate the converged points again in two bands, from their solutions; None where noise hides the edges of blank areas.
 
     Args:
         reference: from `prepare`.
@@ -70,6 +70,9 @@ def second_estimates(
     f = np.ascontiguousarray(sums.planes[:, 0, : sums.width_px])
     usable = np.ascontiguousarray(sums.valid[:, : sums.width_px]) if sums.valid.size else None
     valid = solutions.status == PoiStatus.CONVERGED
+    contrast = float(np.median((sums.norm**2 / np.maximum(sums.pixels, 1.0))[valid])) if valid.any() else 0.0
+    if reference.noise_grey**2 > HIGH_NOISE_VARIANCE * max(contrast - reference.noise_grey**2, 0.0):
+        return None
     difference, found = np.zeros((len(BANDS), *grid.shape, 2)), np.zeros((len(BANDS), *grid.shape), dtype=np.bool_)
     for k, widths in enumerate(BANDS):
         fine, coarse = (width * grid.subset_px for width in widths)
