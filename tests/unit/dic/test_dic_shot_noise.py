@@ -67,6 +67,7 @@ def test_noise_model_is_measured_on_one_frame(lab, scene):
         if not slope:
             assert found is None
         else:
+            assert found is not None
             assert found.slope == pytest.approx(slope, rel=0.15)
             assert found.variance == pytest.approx(noise**2 + slope * grey.mean(), rel=0.06)
     assert estimate_shot_noise(np.zeros((200, 200), np.float32)) is None
