@@ -59,7 +59,7 @@ def test_bands_decide_on_doubtful_points():
     m = measurements(grid.shape)
     verdict = np.full(grid.shape, PoiStatus.CONVERGED, np.uint8)
     verdict[:, 3:6] = PoiStatus.LOW_ZNCC
-    verdict[:, 6:8] = PoiStatus.INCONSISTENT
+    verdict[:, 6:9] = PoiStatus.INCONSISTENT
     assert is_doubtful(m, verdict)
     verdict[:, 0] = PoiStatus.LOW_CONTRAST
     difference = np.zeros((2, *grid.shape, 2))
