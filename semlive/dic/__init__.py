@@ -11,6 +11,7 @@ from semlive.dic.grid import grid_for
 from semlive.dic.hold_drift import hold_drift
 from semlive.dic.incremental import advance, begin, compose_maps
 from semlive.dic.integration_blur import IntegrationBlur, blur_of_pair, correlate_with_matched_blur, missing_blur
+from semlive.dic.no_points import NoPointsCause, NoPointsReason, explain_no_points, has_few_points
 from semlive.dic.quality import quality
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.row_registration import register_rows, row_jitter
@@ -20,6 +21,8 @@ __all__ = [
     "DisparityMap",
     "Grid",
     "IntegrationBlur",
+    "NoPointsCause",
+    "NoPointsReason",
     "PatternQuality",
     "PoiStatus",
     "Reference",
@@ -31,7 +34,9 @@ __all__ = [
     "correlate",
     "correlate_tiled",
     "correlate_with_matched_blur",
+    "explain_no_points",
     "grid_for",
+    "has_few_points",
     "hold_drift",
     "is_large",
     "match",

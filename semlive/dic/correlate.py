@@ -18,12 +18,14 @@ from semlive.dic.initial_guess.search import match
 from semlive.dic.outlier_rejection import PointMeasurements, rejection_status
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distance
+from semlive.dic.second_estimate import SecondEstimates, confirm, is_doubtful, second_estimates
 from semlive.dic.uncertainty import noise_variance
 from semlive.errors import BadInput
 from semlive.kernels import images, interface
 from semlive.kernels.fourth_order import QUARTIC
 from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
 from semlive.kernels.local_planes import fit_local_planes
+from semlive.kernels.shot_noise import gradient_grey_sums
 from semlive.kernels.spline import CUBIC, QUINTIC
 from semlive.kernels.threads import run_pair_in_parallel
 
@@ -74,7 +76,14 @@ def correlate(
     )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
     measurements = point_measurements(reference, solutions, settings)
-    return to_disparity_map(measurements, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+    return to_disparity_map(
+        measurements,
+        reference.grid,
+        settings,
+        reference_frame=reference_frame,
+        current_frame=current_frame,
+        second=lambda: second_estimates(reference, current, solutions, settings),
+    )
 
 
 def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:
@@ -91,15 +100,24 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
         fitted=sums.parameters,
         pixels=sums.pixels,
     )
+    variance_u, variance_v, covariance, residual = (
+        2.0 * variance * sums.variance_u,
+        2.0 * variance * sums.variance_v,
+        2.0 * variance * sums.covariance,
+        variance,
+    )
+    if (factors := reference.factors) is not None:
+        variance_u, variance_v, covariance = variance_u * factors.u, variance_v * factors.v, covariance * np.sqrt(factors.u * factors.v)
+        residual = variance / factors.level  # comparable between bright and dark subsets
     return PointMeasurements(
         u_px=np.where(valid, p[..., 0], 0.0),
         v_px=np.where(valid, p[..., 3], 0.0),
         gradient=p[..., [1, 2, 4, 5]].astype(np.float32, order="C"),
-        sigma_u_px=np.sqrt(2.0 * variance * sums.variance_u),
-        sigma_v_px=np.sqrt(2.0 * variance * sums.variance_v),
-        covariance_px2=2.0 * variance * sums.covariance,
+        sigma_u_px=np.sqrt(variance_u),
+        sigma_v_px=np.sqrt(variance_v),
+        covariance_px2=covariance,
         zncc=solutions.zncc,
-        residual=variance.astype(np.float32),
+        residual=residual.astype(np.float32),
         contrast=(sums.norm**2 / np.maximum(sums.pixels, 1.0)).astype(np.float32),
         status=solutions.status,
         iterations=solutions.iterations,
@@ -107,14 +125,30 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
 
 
 def to_disparity_map(
-    measurements: PointMeasurements, grid: Grid, settings: DicSettings, *, reference_frame: int, current_frame: int
+    measurements: PointMeasurements,
+    grid: Grid,
+    settings: DicSettings,
+    *,
+    reference_frame: int,
+    current_frame: int,
+    second: Callable[[], SecondEstimates | None] | None = None,
 ) -> DisparityMap:
     """Disparity map of the accepted point measurements.
 
     A quartic subset resolves what a quadratic one of 4/7 of its edge does, with similar noise; its points are tested as such ones.
+
+    Args:
+        measurements: measurements of the complete map.
+        grid: grid of the points.
+        settings: of the correlation.
+        reference_frame: number of the reference frame.
+        current_frame: number of the current frame.
+        second: function that returns second estimates, called only for maps with many doubtful points; None: none are made.
     """
     resolved = dataclasses.replace(grid, subset_px=grid.subset_px * 4 // 7 | 1) if settings.shape_function == "quartic" else grid
     verdict = rejection_status(measurements, resolved, curved=settings.shape_function != "affine")
+    if second is not None and is_doubtful(measurements, verdict) and (estimates := second()) is not None:
+        measurements, verdict = confirm(measurements, verdict, estimates, resolved)
     valid = measurements.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -233,4 +267,5 @@ def warm_up(settings: DicSettings) -> None:
     correlate(reference, current, small, reference_frame=0, current_frame=1)
     images.to_float32_grey(image.astype(np.uint16))
     no_points = np.zeros((1, 1), dtype=np.bool_)
+    gradient_grey_sums(reference.sums)  # needed where the noise grows with the grey level
     fit_local_planes(np.zeros((1, 1)), np.zeros((1, 1)), no_points, no_points, 1)  # not needed by a pair without outliers

@@ -11,6 +11,7 @@ from semlive.data.disparity import PoiStatus
 from semlive.data.frame import PatternQuality
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
+from semlive.dic.grey_scale import grey_scale
 from semlive.dic.grid import grid_for
 from semlive.dic.reference import prepare
 from semlive.dic.row_registration import gradient_scales, smoothed_gradients
@@ -70,6 +71,8 @@ def quality(
     noise, local = _noise(grey, grid, mask)
     contrast = float(np.sqrt(max(float(np.mean(grey**2)) / used - noise**2, 0.0)))
     speckle_x, speckle_y = _speckle_size(grey, noise, mask)
+    full_scale = grey_scale(pixels).full_scale
+    factor_u, factor_v = (1.0, 1.0) if reference.factors is None else (reference.factors.u, reference.factors.v)
     usable = np.asarray(reference.status == PoiStatus.CONVERGED)
     sums = reference.sums
     facts = PatternQuality(
@@ -77,19 +80,19 @@ def quality(
         noise_grey=noise,
         contrast_grey=contrast,
         mean_grey=float(pixels.mean()),
-        saturated_fraction=float(np.mean((pixels == 0) | (pixels == np.iinfo(image.dtype).max))),
+        saturated_fraction=float(np.mean((pixels == 0) | (pixels == full_scale))),
         speckle_x_px=speckle_x,
         speckle_y_px=speckle_y,
         speckles_per_subset=grid.subset_px**2 / (speckle_x * speckle_y) if speckle_x * speckle_y > 0.0 else 0.0,
         mean_intensity_gradient_grey_px=_mean_gradient(grey, noise, mask),
         sssig=np.where(usable, sums.sssig, 0.0),
-        sigma_u_px=np.where(usable, np.sqrt(2.0 * sums.variance_u) * local, 0.0),
-        sigma_v_px=np.where(usable, np.sqrt(2.0 * sums.variance_v) * local, 0.0),
+        sigma_u_px=np.where(usable, np.sqrt(2.0 * sums.variance_u * factor_u) * local, 0.0),
+        sigma_v_px=np.where(usable, np.sqrt(2.0 * sums.variance_v * factor_v) * local, 0.0),
         usable=usable,
         warnings=(),
     )
     shown = int(np.count_nonzero(reference.status != PoiStatus.MASKED))
-    return _with_warnings(facts, 255.0 if image.dtype == np.uint8 else 65535.0, int(np.count_nonzero(usable)) / max(shown, 1))
+    return _with_warnings(facts, full_scale, int(np.count_nonzero(usable)) / max(shown, 1))
 
 
 def _inner(mask: NDArray[np.bool_], margin: int) -> NDArray[np.bool_]:
@@ -179,12 +182,12 @@ def _mean_gradient(grey: NDArray[np.float32], noise: float, mask: NDArray[np.boo
     return float(np.mean(length[inner])) if inner.any() else 0.0
 
 
-def _with_warnings(q: PatternQuality, full_scale: float, usable: float) -> PatternQuality:
+def _with_warnings(q: PatternQuality, full_scale: int, usable: float) -> PatternQuality:
     """Add warnings about figures that are too poor.
 
     Args:
         q: figures without warnings.
-        full_scale: largest grey level.
+        full_scale: largest grey level of the detector (`grey_scale`).
         usable: fraction of the unmasked points that can be correlated.
     """
     messages: list[str] = []

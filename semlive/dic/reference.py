@@ -12,6 +12,7 @@ from semlive.data.disparity import PoiStatus
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.initial_guess.search import InitialGuessReference, prepare_coarse
+from semlive.dic.shot_noise import NoiseFactors, ShotNoise, estimate_shot_noise, noise_factors
 from semlive.errors import BadInput
 from semlive.kernels import images, interface
 from semlive.kernels.fourth_order import QUARTIC
@@ -38,6 +39,7 @@ class Reference:
         status: (ny, nx) uint8, PoiStatus: CONVERGED where a POI can be correlated, else LOW_CONTRAST or MASKED.
         noise_grey: standard deviation of the white noise of the frame in grey levels.
         coarse: half-resolution image and spectrum for initial guesses.
+        factors: effect of noise that grows with the grey level; None for noise that does not.
     """
 
     grid: Grid
@@ -46,9 +48,10 @@ class Reference:
     status: NDArray[np.uint8]
     noise_grey: float
     coarse: InitialGuessReference
+    factors: NoiseFactors | None = None
 
     def __post_init__(self) -> None:
-        for holder in (self.sums, self.coarse):
+        for holder in (self.sums, self.coarse, *(() if self.factors is None else (self.factors,))):
             for field in fields(holder):
                 value = getattr(holder, field.name)
                 if isinstance(value, np.ndarray):
@@ -132,11 +135,13 @@ class FrameStatistics:
         noise_grey: standard deviation of the white noise, grey levels.
         gain_x: gain of the Sobel derivative along x.
         gain_y: gain of the Sobel derivative along y.
+        shot_noise: noise that grows with the grey level; None where it does not.
     """
 
     noise_grey: float
     gain_x: float
     gain_y: float
+    shot_noise: ShotNoise | None = None
 
 
 def central_region(shape: tuple[int, ...]) -> tuple[slice, slice]:
@@ -154,7 +159,8 @@ def frame_statistics(f: NDArray[np.float32], usable: NDArray[np.float32] | None,
         used: fraction of the frame that is not masked.
     """
     noise = noise_of(f)
-    return FrameStatistics(noise, gradient_gain(f, 1, noise, usable, used), gradient_gain(f, 0, noise, usable, used))
+    gains = gradient_gain(f, 1, noise, usable, used), gradient_gain(f, 0, noise, usable, used)
+    return FrameStatistics(noise, *gains, estimate_shot_noise(f))
 
 
 def prepare_part(
@@ -188,7 +194,8 @@ def prepare_part(
     )
     status = _contrast_status(sums, statistics.noise_grey, max(statistics.gain_x, statistics.gain_y))
     status[sums.pixels < settings.min_valid_fraction * grid.subset_px**2] = PoiStatus.MASKED
-    return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=statistics.noise_grey, coarse=coarse)
+    factors = None if statistics.shot_noise is None else noise_factors(sums, statistics.shot_noise)
+    return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=statistics.noise_grey, coarse=coarse, factors=factors)
 
 
 def usable_mask(mask: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -40,8 +40,16 @@ def correlate(
         precorrelated: results of `precorrelate` by number of export; the maps are the same without them.
 
     Raises:
-        IllPosed: the run has no reference image.
+        IllPosed: the run has no reference image, or no point of the pair was found; the message states the cause.
     """
+    maps = _correlate(state, pair, precorrelated)
+    if not any(disparity.valid.any() for disparity in maps):
+        reason = dic.explain_no_points(pair.first.image, pair.second.image, maps[0], state.settings.dic)
+        raise IllPosed(f"no point of pair {pair.decision.pair} was correlated, so it has no information: {reason}")
+    return maps
+
+
+def _correlate(state: AnalysisState, pair: Pair, precorrelated: Mapping[int, PrecorrelatedFrame]) -> tuple[DisparityMap, ...]:
     settings, reference, k = state.settings.dic, state.reference, pair.decision.pair
     if reference is None:
         raise IllPosed("this run was begun from disparity maps, without the pixels of frame 0; correlate with the images' own log")

@@ -98,8 +98,32 @@ def test_a_poor_pattern_is_told_with_its_figure(folder):
     masked = np.zeros(faint.shape, np.uint8)
     cv2.imwrite(str(folder / "nothing.png"), masked)
     result = run(folder / "faint.tif", folder / "faint.tif", "--subset", 31, "--mask", folder / "nothing.png", "--json")
-    assert json.loads(result.stdout)["converged"] == 0
-    assert result.stderr.splitlines() == ["correlating 1 of 1: faint.tif"]
+    assert result.exit_code == 1
+    figures = json.loads(result.stdout)
+    assert figures["converged"] == 0
+    assert figures["reason"]["cause"] == "masked"
+    assert result.stderr.splitlines() == [
+        "correlating 1 of 1: faint.tif",
+        f"{folder / 'faint.tif'}: no point was found: the mask excludes every point: use a smaller mask (0 where pixels must not be used)",
+    ]
+
+
+def test_no_point_is_a_failure_with_its_cause(folder):
+    tifffile.imwrite(folder / "mirrored.tif", np.ascontiguousarray(speckle()[:, ::-1]))
+    result = run(folder / "ref.tif", folder / "a.tif", folder / "mirrored.tif", "--subset", 31, "--out", folder / "maps", "--json")
+    assert result.exit_code == 1
+    found, lost = json.loads(result.stdout)
+    assert found["converged"] > 0
+    assert "reason" not in found
+    assert lost["converged"] == 0
+    assert lost["reason"]["cause"] == "mirrored"
+    assert lost["reason"]["remedy"] == "export both frames with the same orientation and scan rotation"
+    assert (folder / "maps" / "mirrored.csv").exists()
+    *_, reason, last = result.stderr.splitlines()
+    assert reason.startswith(
+        f"{folder / 'mirrored.tif'}: no point was found: the current frame is mirrored against the reference (left and"
+    )
+    assert last == "1 of 2 images have no point: mirrored.tif"
 
 
 def write_as(path, image):

@@ -123,3 +123,12 @@ def test_two_frames_of_a_rest_tell_the_drift_between_them() -> None:
     blank = replace(one.second, image=np.full_like(one.second.image, 90))
     with pytest.raises(IllPosed, match="less than half of the points"):
         dic.hold_drift(one.first, blank, DicSettings())
+
+
+def test_a_pair_without_points_states_the_cause() -> None:
+    one = pairs(load_scenario("paper_x200"))[0]
+    mirrored = replace(one, second=replace(one.second, image=np.ascontiguousarray(one.second.image[:, ::-1])))
+    with pytest.raises(
+        IllPosed, match=r"no point of pair 0 was correlated, so it has no information: the current frame is mirrored .*left"
+    ):
+        pipeline.analyse(AnalysisSettings(), None, mirrored)

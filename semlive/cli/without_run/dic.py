@@ -71,7 +71,7 @@ def dic(
     start = time.perf_counter()
     reference = None if engine.is_large(image.shape, grid) else engine.prepare(image, grid, settings, used)
     prepared_s = time.perf_counter() - start
-    figures = []
+    figures: list[dict[str, object]] = []
     for number, path in enumerate(_with_progress(cur), start=1):
         current = _read_same_size(path, ref, image)
         start = time.perf_counter()
@@ -86,8 +86,28 @@ def dic(
         figures.append(_figures(disparity, settings, wall_s))
         if not as_json:
             echo(_summary_line(path, disparity, wall_s))
+        if engine.has_few_points(disparity):
+            reason = engine.explain_no_points(image, current, disparity, settings, mask=used)
+            figures[-1]["reason"] = _warn(path, disparity, reason)
     if as_json:
         typer.echo(json.dumps(figures[0] if len(figures) == 1 else figures))
+    _fail_without_points(cur, figures)
+
+
+def _warn(path: Path, disparity: DisparityMap, reason: engine.NoPointsReason) -> dict[str, str]:
+    """Print the reason for few points or none; return it for JSON."""
+    found = int(disparity.valid.sum())
+    echo(f"{path}: {f'few points ({found}) were' if found else 'no point was'} found: {reason}", err=True)
+    return {"cause": reason.cause.value, "text": reason.text, "remedy": reason.remedy}
+
+
+def _fail_without_points(cur: list[Path], figures: list[dict[str, object]]) -> None:
+    """End with exit code 1 if an image has no point; of several images name those."""
+    lost = [path.name for path, figure in zip(cur, figures, strict=True) if figure["converged"] == 0]
+    if lost and len(cur) > 1:
+        echo(f"{len(lost)} of {len(cur)} images have no point: {', '.join(lost)}", err=True)
+    if lost:
+        raise typer.Exit(1)
 
 
 def _poor(image: Image, settings: DicSettings, used: NDArray[np.bool_] | None) -> tuple[str, ...]:
@@ -203,7 +223,7 @@ def _write(path: Path, disparity: DisparityMap) -> None:
         raise BadInput(f"{path}: cannot be written ({error.strerror}); give a path that can.") from error
 
 
-def _figures(disparity: DisparityMap, settings: DicSettings, wall_s: float) -> dict[str, int | float]:
+def _figures(disparity: DisparityMap, settings: DicSettings, wall_s: float) -> dict[str, object]:
     return {
         "points": int(disparity.status.size),
         "converged": int(disparity.valid.sum()),
