@@ -15,6 +15,7 @@ from semlive.data.settings import DicSettings
 from semlive.dic.grid import grid_for
 from semlive.dic.initial_guess.fields import nearest_block_field, residual_affine_field, smooth_field
 from semlive.dic.initial_guess.search import match
+from semlive.dic.method_choice import measure_globally, too_few_measured, with_more_points
 from semlive.dic.outlier_rejection import PointMeasurements, rejection_status
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distance
@@ -43,12 +44,13 @@ def correlate(
 ) -> DisparityMap:
     """Measure the disparity at every POI of the reference: ``x_current = x_reference + u``.
 
-    IC-GN minimises ZNSSD with the shape function of the reference. The result does not depend on the number of threads.
+    IC-GN minimises ZNSSD with the shape function of the reference. The result does not depend on the number of threads. With the
+    method ``auto``, the global method replaces the map if subsets measure too few points (`method_choice`).
 
     Args:
         reference: from `prepare`.
         image: (height, width) current frame, uint8 or uint16.
-        settings: tolerance, iterations, smallest ZNCC.
+        settings: tolerance, iterations, smallest ZNCC, method.
         reference_frame: number of the reference frame.
         current_frame: number of the current frame.
 
@@ -64,6 +66,12 @@ def correlate(
         )
     current = images.to_float32_grey(image)
 
+    def by_global_method() -> DisparityMap:
+        return measure_globally(reference, current, settings, reference_frame=reference_frame, current_frame=current_frame)
+
+    if settings.method == "global":
+        return by_global_method()
+
     def guessed() -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         matches = match(reference.coarse, current)
         return matches, smooth_field(matches, reference.grid) if len(matches) else None
@@ -73,7 +81,10 @@ def correlate(
     )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
     measurements = point_measurements(reference, solutions, settings)
-    return to_disparity_map(measurements, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+    disparity = to_disparity_map(measurements, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+    if settings.method == "auto" and too_few_measured(disparity):
+        return with_more_points(disparity, by_global_method())
+    return disparity
 
 
 def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:
