@@ -51,7 +51,7 @@ def _weights(t, value, slope):
     slope[1] = half * t * (three * t - four)
     slope[2] = -half * o * (three * o - four)
     slope[3] = half * t * t
-    return two
+
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

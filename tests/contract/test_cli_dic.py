@@ -48,7 +48,7 @@ def test_json_and_csv(folder):
     figures = json.loads(result.stdout)
     wall_s = figures.pop("wall_s")
     assert 0.0 < wall_s < 5.0
-    assert figures == {"points": 120, "converged": 120, "subset_px": 31, "step_px": 5}
+    assert figures == {"points": 120, "converged": 120, "subset_px": 31, "step_px": 5, "method": "subset"}
     assert out.read_text().splitlines()[0] == "x,y,u,v,sigma_u,sigma_v,zncc,status"
     rows = list(csv.DictReader(out.read_text().splitlines()))
     assert [(row["x"], row["y"]) for row in (rows[0], rows[1], rows[-1])] == [("30", "25"), ("35", "25"), ("85", "70")]

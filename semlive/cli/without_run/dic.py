@@ -126,9 +126,7 @@ def _with_progress(paths: list[Path]) -> Iterator[Path]:
         yield path
 
 
-def _settings(
-    subset: int, step: int, roi: str | None, interpolation: str, shape: str, search: float | None, method: str
-) -> DicSettings:
+def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape: str, search: float | None, method: str) -> DicSettings:
     corners: tuple[int, int, int, int] | None = None
     if roi is not None:
         try:

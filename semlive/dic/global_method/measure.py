@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
+from threadpoolctl import threadpool_limits
 
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
@@ -70,13 +71,28 @@ def measure(
         backward with at least one of them. If the frames do not show the same place, every point is NO_SEED; if another shift of the
         frame fits as well, AMBIGUOUS.
     """
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small, and the result must not depend on the number of threads
+        return _measure(f, g, grid, unusable, used, (reference_frame, current_frame), min_valid_fraction, search_px)
+
+
+def _measure(
+    f: Image,
+    g: Image,
+    grid: Grid,
+    unusable: NDArray[np.uint8],
+    used: Image | None,
+    frames: tuple[int, int],
+    min_valid_fraction: float,
+    search_px: float | None,
+) -> DisparityMap:
+    """`measure` with the settings as positions."""
     f, g = without_row_offsets(f), without_row_offsets(g)
     g = _to_contrast_of(f, g)
     masked = unusable == PoiStatus.MASKED
     blocks = find_blocks(f, g, search_px)
     if not blocks.sufficient or blocks.ambiguous:
         reason = PoiStatus.NO_SEED if not blocks.sufficient else PoiStatus.AMBIGUOUS
-        return _refused(grid, np.where(masked, PoiStatus.MASKED, reason), reference_frame, current_frame)
+        return _refused(grid, np.where(masked, PoiStatus.MASKED, reason), frames)
     area = np.ones_like(f) if used is None else used
     everywhere = np.ones_like(f)
     try:
@@ -84,7 +100,7 @@ def measure(
         reversed_blocks = np.column_stack([blocks.matches[:, :2] + blocks.matches[:, 2:], -blocks.matches[:, 2:]])
         backward = _solve(g, f, everywhere, reversed_blocks)
     except LinAlgError:
-        return _refused(grid, np.where(masked, PoiStatus.MASKED, PoiStatus.NOT_CONVERGED), reference_frame, current_frame)
+        return _refused(grid, np.where(masked, PoiStatus.MASKED, PoiStatus.NOT_CONVERGED), frames)
     solution = forward.solution
     u, v = field_at(solution, grid)
     covariance = covariance_at(solution, grid)
@@ -111,8 +127,8 @@ def measure(
         return np.where(valid, values, 0.0)
 
     return DisparityMap(
-        reference=reference_frame,
-        current=current_frame,
+        reference=frames[0],
+        current=frames[1],
         grid=grid,
         u_px=where_valid(u),
         v_px=where_valid(v),
@@ -175,8 +191,8 @@ def _subset_zncc(solution: Solution, grid: Grid) -> Array:
     return np.where(variances > 0.0, covariance / np.sqrt(np.maximum(variances, 1e-30)), 0.0)
 
 
-def _refused(grid: Grid, status: NDArray[np.integer], reference_frame: int, current_frame: int) -> DisparityMap:
+def _refused(grid: Grid, status: NDArray[np.integer], frames: tuple[int, int]) -> DisparityMap:
+    """Map without a valid point."""
     zeros = [np.zeros(grid.shape) for _ in range(7)]
-    return DisparityMap(
-        reference_frame, current_frame, grid, *zeros[:5], status.astype(np.uint8), zeros[5], np.zeros(grid.shape, dtype=np.int32), zeros[6]
-    )
+    iterations = np.zeros(grid.shape, dtype=np.int32)
+    return DisparityMap(*frames, grid, *zeros[:5], status.astype(np.uint8), zeros[5], iterations, zeros[6])

@@ -109,7 +109,13 @@ def _encode(
 ) -> bytes:
     place = (grid.x0_px, grid.y0_px, grid.step_px, grid.nx, grid.ny, grid.subset_px)
     parts = [np.ascontiguousarray(field, dtype=kind.number).tobytes() for field in fields]
-    return b"".join((_HEAD.pack(kind.magic, _VERSION, len(fields) - kind.fields, *numbers, *place), *parts, np.ascontiguousarray(marks, dtype=np.uint8).tobytes()))
+    return b"".join(
+        (
+            _HEAD.pack(kind.magic, _VERSION, len(fields) - kind.fields, *numbers, *place),
+            *parts,
+            np.ascontiguousarray(marks, dtype=np.uint8).tobytes(),
+        )
+    )
 
 
 def _decode(kind: _Kind, payload: bytes) -> tuple[tuple[int, int], Grid, list[NDArray[np.float64]], NDArray[np.uint8]]:
