@@ -41,8 +41,7 @@ def sample(coefficients: Image, x_px: Image, y_px: Image) -> tuple[Image, Image,
 def _weights(t, value, slope):
     """Four weights of the cubic B-spline at phase t in 0..1, and of its derivative."""
     o = np.float32(1.0) - t
-    half, two, four, six = np.float32(0.5), np.float32(2.0), np.float32(4.0), np.float32(6.0)
-    three = np.float32(3.0)
+    half, three, four, six = np.float32(0.5), np.float32(3.0), np.float32(4.0), np.float32(6.0)
     value[0] = o * o * o / six
     value[1] = (four + t * t * (three * t - six)) / six
     value[2] = (four + o * o * (three * o - six)) / six
@@ -51,7 +50,6 @@ def _weights(t, value, slope):
     slope[1] = half * t * (three * t - four)
     slope[2] = -half * o * (three * o - four)
     slope[3] = half * t * t
-
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

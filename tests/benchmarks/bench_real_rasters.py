@@ -108,8 +108,8 @@ def page(rows: list[tuple[str, ...]], method: str) -> str:
         [
             "# Validation with real rasters",
             "",
-            "Pairs of frames of one place from scanning probe and electron microscopes, in which the texture is weak, rows have offsets and",
-            "shifts of their own, and drift bends the field. The images belong to others and are not part of the code base.",
+            "Pairs of frames of one place from scanning probe and electron microscopes, in which the texture is weak, rows have offsets",
+            "and shifts of their own, and drift bends the field. The images belong to others and are not part of the code base.",
             "",
             "    python tests/benchmarks/bench_real_rasters.py FOLDER --write",
             "",
@@ -127,8 +127,9 @@ def page(rows: list[tuple[str, ...]], method: str) -> str:
             "",
             *table,
             "",
-            "A reference block is a mean over 48 rows. For frames rendered from the measured fields themselves, the same reference",
-            "program differs from the known displacement by a median of up to 0.14 px (PMN28Pt), 0.38 px (PZT_final) and 0.52 px (approx5050compos).",
+            "A reference block is a mean over 48 rows. For frames rendered from the measured fields themselves, the same",
+            "reference program differs from the known displacement by a median of up to 0.14 px (PMN28Pt), 0.38 px (PZT_final)",
+            "and 0.52 px (approx5050compos).",
             "How the method works: [correlation](../explanations/correlation.md#global-method-for-rasters).",
             "",
         ]
@@ -148,10 +149,11 @@ def main() -> None:
         raise SystemExit(f"{given.folder}: has no table FIRST__SECOND.csv; give the folder of the real rasters.")
     settings = DicSettings(roi_px=None, method=given.method)
     rows = []
-    print(" | ".join(COLUMNS))
+    sys.stdout.write(" | ".join(COLUMNS) + "\n")
     for table in tables:
         rows.append(compare(table, settings).row())
-        print(" | ".join(rows[-1]), flush=True)
+        sys.stdout.write(" | ".join(rows[-1]) + "\n")
+        sys.stdout.flush()
     if given.write:
         PAGE.write_text(page(rows, given.method), encoding="utf-8")
 

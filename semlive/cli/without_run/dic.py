@@ -54,7 +54,7 @@ def dic(
     method: Annotated[
         str,
         typer.Option(
-            help="Method: subset, global (one smooth field, for weak texture and row errors), or auto (global if subsets measure too few points)."
+            help="Method: subset, global (one smooth field, for weak texture), or auto (global if subsets measure too few points)."
         ),
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="CSV file to write; a folder if there are several current images.")] = None,
