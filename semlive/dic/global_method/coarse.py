@@ -85,8 +85,8 @@ def _binned(image: Image, binning: int) -> Image:
 def _frame_shift(f: Image, g: Image, limit: float | None) -> tuple[tuple[int, int], bool]:
     """Shift (x, y) of the frame with the largest ZNCC over the common area, and whether a second one is as good."""
     height, width = f.shape
-    size = [fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
-    f1, g1, one, f2, g2 = (fft.rfft2(a, s=size) for a in (f, g, np.ones_like(f), f * f, g * g))
+    size = [int(fft.next_fast_len(2 * n - 1, real=True) or 2 * n) for n in (height, width)]
+    f1, g1, one, f2, g2 = (np.asarray(fft.rfft2(a, s=size)) for a in (f, g, np.ones_like(f), f * f, g * g))
 
     def correlation(a: NDArray, b: NDArray) -> Array:
         return np.asarray(fft.irfft2(np.conj(a) * b, s=size), dtype=np.float64)
@@ -136,7 +136,7 @@ def peak_of(window: Image, block: Image) -> tuple[float, float] | None:
     return x + _vertex(score[y, x - 1 : x + 2]), y + _vertex(score[y - 1 : y + 2, x])
 
 
-def _vertex(values: Image) -> float:
+def _vertex(values: NDArray) -> float:
     """Position of the maximum of a parabola through three values at -1, 0, 1."""
     before, here, after = (float(value) for value in values)
     curvature = before - 2.0 * here + after

@@ -29,7 +29,7 @@ ITERATIONS = (8, 12)
 BLOCK_SMOOTHNESS = 3e3  # px^2; weight of the bending energy relative to one block
 SCATTER_PX = 24.0  # standard deviation of the area over which the band-passes are compared
 MAX_SIGMA_PX = 1.0  # larger uncertainties are of no use
-MIN_SUPPORT = 0.5  # of the blocks around a point
+MIN_SUPPORT = 0.6  # of the blocks around a point
 ROUND_TRIP_PX, ROUND_TRIP_SIGMAS = 0.5, 3.0
 
 
@@ -193,6 +193,6 @@ def _subset_zncc(solution: Solution, grid: Grid) -> Array:
 
 def _refused(grid: Grid, status: NDArray[np.integer], frames: tuple[int, int]) -> DisparityMap:
     """Map without a valid point."""
-    zeros = [np.zeros(grid.shape) for _ in range(7)]
-    iterations = np.zeros(grid.shape, dtype=np.int32)
-    return DisparityMap(*frames, grid, *zeros[:5], status.astype(np.uint8), zeros[5], iterations, zeros[6])
+    zero, zeros = np.zeros(grid.shape), np.zeros(grid.shape, dtype=np.int32)
+    byte = status.astype(np.uint8)
+    return DisparityMap(*frames, grid, zero, zero, zero, zero, zero, byte, covariance_px2=zero, iterations=zeros, neighbour_share=zero)

@@ -70,8 +70,8 @@ def pixels_per_independent(residual: Image, gradient: tuple[Image, Image], weigh
 
 def _correlation(values: Image) -> Array:
     """Autocorrelation at lags up to REACH_PX along both axes."""
-    size = [fft.next_fast_len(n + REACH_PX, real=True) for n in values.shape]
-    spectrum = fft.rfft2(values, s=size)
+    size = [int(fft.next_fast_len(n + REACH_PX, real=True) or n + REACH_PX) for n in values.shape]
+    spectrum = np.asarray(fft.rfft2(values, s=size))
     surface = np.asarray(fft.irfft2(spectrum.real**2 + spectrum.imag**2, s=size), dtype=np.float64)
     lag = np.arange(-REACH_PX, REACH_PX + 1)
     return surface[np.ix_(lag % size[0], lag % size[1])] / max(float(surface[0, 0]), 1e-30)

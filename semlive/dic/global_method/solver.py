@@ -119,7 +119,8 @@ def refine(pair: FramePair, field: Field, iterations: int) -> Solution:
     Raises:
         LinAlgError: the frames share no usable area.
     """
-    reference_gradient = np.gradient(pair.reference)[::-1]
+    along_y, along_x = (np.asarray(part, dtype=np.float32) for part in np.gradient(pair.reference))
+    reference_gradient = (along_x, along_y)
     contrast = float(np.mean(pair.reference[pair.used > 0.0] ** 2)) + 1e-6
     solution: Solution | None = None
     for iteration in range(iterations):
@@ -140,7 +141,7 @@ def refine(pair: FramePair, field: Field, iterations: int) -> Solution:
     return solution
 
 
-def _warp(pair: FramePair, field: Field, reference_gradient: list[Image]) -> tuple[Image, tuple[Image, Image], Image]:
+def _warp(pair: FramePair, field: Field, reference_gradient: tuple[Image, Image]) -> tuple[Image, tuple[Image, Image], Image]:
     height, width = pair.reference.shape
     x, y = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
     u, v = field.displacement(rows=True)

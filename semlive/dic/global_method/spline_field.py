@@ -116,8 +116,8 @@ class Lattice:
         c = np.zeros((ny * nx, 2))
         for _ in range(ROBUST_ITERATIONS):
             matrix = design.T @ (weight[:, None] * design) + smoothness * penalty + 1e-6 * np.eye(ny * nx)
-            c = np.linalg.solve(matrix, design.T @ (weight[:, None] * matches[:, 2:]))
+            c = np.asarray(np.linalg.solve(matrix, design.T @ (weight[:, None] * matches[:, 2:])), dtype=np.float64)
             distance = np.linalg.norm(matches[:, 2:] - design @ c, axis=1)
             scale = max(2.0 * 1.48 * float(np.median(distance)), MIN_SCALE_PX)
             weight = (1.0 + (distance / scale) ** 2) ** -2
-        return c.T.reshape(2, ny, nx)
+        return np.asarray(c.T.reshape(2, ny, nx), dtype=np.float64)
