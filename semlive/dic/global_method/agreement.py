@@ -64,7 +64,7 @@ def support(f: Image, g: Image, field: Field, grid: Grid) -> tuple[Array, Array]
     rows, columns = np.clip(grid.y_px, ys[0], ys[-1]), np.clip(grid.x_px, xs[0], xs[-1])
     mesh = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
 
-    def at_points(values: Image) -> Array:
+    def at_points(values: NDArray) -> Array:
         return np.asarray(RegularGridInterpolator((ys, xs), values.astype(np.float64))(mesh), dtype=np.float64)
 
     share = np.stack([at_points(smoothed(part * known, sd, cv2.BORDER_CONSTANT) / np.maximum(weight, 1e-6)) for part in found])

@@ -87,7 +87,7 @@ def draws(f: Factor, count: int) -> NDArray[np.float64]:
     normal = np.random.default_rng(1).standard_normal((len(f.pivots), f.pivots[0].shape[0], count))
     out = np.empty_like(normal)
     for k in range(len(f.pivots) - 1, -1, -1):
-        out[k] = solve_triangular(f.pivots[k], normal[k], lower=True, trans="T", check_finite=False)
+        out[k] = solve_triangular(f.pivots[k], normal[k], lower=True, trans=1, check_finite=False)
         if k + 1 < len(f.pivots):
             out[k] -= f.gains[k] @ out[k + 1]
     return out

@@ -72,6 +72,6 @@ def _correlation(values: Image) -> Array:
     """Autocorrelation at lags up to REACH_PX along both axes."""
     size = [int(fft.next_fast_len(n + REACH_PX, real=True) or n + REACH_PX) for n in values.shape]
     spectrum = np.asarray(fft.rfft2(values, s=size))
-    surface = np.asarray(fft.irfft2(spectrum.real**2 + spectrum.imag**2, s=size), dtype=np.float64)
+    surface = np.asarray(fft.irfft2(np.abs(spectrum) ** 2, s=size), dtype=np.float64)
     lag = np.arange(-REACH_PX, REACH_PX + 1)
     return surface[np.ix_(lag % size[0], lag % size[1])] / max(float(surface[0, 0]), 1e-30)
