@@ -28,7 +28,7 @@ REFERENCE_ERROR_PX = 0.3  # uncertainty of the reference displacements
 WRONG_PX = 2.0
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "real-rasters.md"
 COLUMNS = (
-    "pair", "method", "area %", "median du / dv px", "median |du| / |dv| px", "within 3 sigma + 0.3 px %", "wrong %",
+    "pair", "method", "area %", "median du / dv px", "median magnitude du / dv px", "within 3 sigma + 0.3 px %", "wrong %",
     "median sigma u / v px", "neighbour share", "cpu s",
 )  # fmt: skip
 
@@ -120,7 +120,7 @@ def page(rows: list[tuple[str, ...]], method: str) -> str:
             "|---|---|",
             "| area | points of the grid within 6 px of a reference block that converged |",
             "| median du / dv | median of measured minus reference displacement |",
-            "| median of magnitudes | the same of the magnitude; it contains the scatter of the reference, 0.02 to 0.20 px |",
+            "| median magnitude | the same of the magnitude; it contains the scatter of the reference, 0.02 to 0.20 px |",
             "| within | differences of at most 3 stated sigma plus 0.3 px, the uncertainty of the reference |",
             "| wrong | points farther than 2 px from the reference |",
             "| neighbour share | median part of a value from neighbours and smoothness instead of the point's subset |",

@@ -84,7 +84,10 @@ def test_stated_uncertainty_covers_the_error(rendered):
 
 def test_neighbour_share_is_a_fraction_and_survives_the_log(rendered):
     share = rendered.neighbour_share
-    assert share is not None and 0.0 <= share.min() and share.max() <= 1.0 and share[rendered.valid].max() > 0.0
+    assert share is not None
+    assert share.min() >= 0.0
+    assert share.max() <= 1.0
+    assert share[rendered.valid].max() > 0.0
     decoded = decode_map(encode_map(rendered))
     assert decoded.method == "global"
     np.testing.assert_array_equal(decoded.neighbour_share, share)
