@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,8 @@ class DisparityMap:
         status: (ny, nx) uint8, values of PoiStatus.
         covariance_px2: (ny, nx) covariance of u and v from image noise; None where it is not stored (logs, maps over several references).
         iterations: (ny, nx) IC-GN iterations of the last attempt at a POI; None likewise.
+        neighbour_share: (ny, nx) part of a value that comes from neighbours and regularisation instead of the subset of the POI, from 0
+            to 1; None for a map of the subset method.
     """
 
     reference: int
@@ -64,15 +67,21 @@ class DisparityMap:
     status: NDArray[np.uint8]
     covariance_px2: NDArray[np.float64] | None = None
     iterations: NDArray[np.int32] | None = None
+    neighbour_share: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status", "covariance_px2", "iterations"):
+        for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status", "covariance_px2", "iterations", "neighbour_share"):
             array = getattr(self, name)
             if array is None:
                 continue
             if array.shape != self.grid.shape:
                 raise ValueError(f"{name} is {array.shape}, the grid is {self.grid.shape}")
             array.setflags(write=False)
+
+    @property
+    def method(self) -> Literal["subset", "global"]:
+        """The method that measured the map."""
+        return "subset" if self.neighbour_share is None else "global"
 
     @property
     def valid(self) -> NDArray[np.bool_]:

@@ -30,6 +30,7 @@ class NoteCode(StrEnum):
     EFFECTS_OF_OTHER_FRAMES = "effects_of_other_frames"
     EFFECTS_IN_LONG_RUN = "effects_in_long_run"
     STRAIN_GAGE = "strain_gage"
+    GLOBAL_CORRELATION = "global_correlation"
 
 
 _PREFIX = {NoteLevel.INFORMATION: "", NoteLevel.WARNING: "WARNING: "}

@@ -25,6 +25,8 @@ class DicSettings:
         min_valid_fraction: smallest unmasked fraction of a subset that is measured.
         search_px: largest possible motion of a point along x or y; None if unknown. It limits the search for initial guesses, and a
             pattern with a period of more than twice this distance is not ambiguous.
+        method: ``subset``; ``global``: one regularised field for the frame, for weak texture and rasters with row errors; ``auto``:
+            subsets, and the global method where they measure too few points.
     """
 
     subset_px: int = 43
@@ -37,6 +39,7 @@ class DicSettings:
     shape_function: Literal["affine", "quadratic", "quartic"] = "affine"
     min_valid_fraction: float = 0.5
     search_px: float | None = None
+    method: Literal["auto", "subset", "global"] = "auto"
 
     def __post_init__(self) -> None:
         if self.subset_px < 5 or self.subset_px % 2 == 0:
@@ -49,6 +52,8 @@ class DicSettings:
             raise ValueError(f"shape_function must be affine, quadratic or quartic, not {self.shape_function}")
         if not 0.0 < self.min_valid_fraction <= 1.0:
             raise ValueError(f"min_valid_fraction must be above 0 and at most 1, not {self.min_valid_fraction}")
+        if self.method not in ("auto", "subset", "global"):
+            raise ValueError(f"method must be auto, subset or global, not {self.method}")
         if self.search_px is not None and not self.search_px > 0.0:
             raise ValueError(f"search_px must be above 0, not {self.search_px}")
 

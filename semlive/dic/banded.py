@@ -58,7 +58,7 @@ def correlate_tiled(
     band_px: int = BAND_PX,
     band_points: int = BAND_POINTS,
 ) -> DisparityMap:
-    """Disparity of two images of any size: the result of `correlate`, band by band.
+    """Disparity of two images of any size: the result of `correlate` with the method ``subset``, band by band.
 
     Args:
         reference: (height, width) uint8 or uint16, an array or a memory map.
@@ -72,8 +72,14 @@ def correlate_tiled(
         band_points: points of a band.
 
     Raises:
-        BadInput: the images differ in size, grid and settings in the subset, or the mask has another size than the images.
+        BadInput: the images differ in size, grid and settings in the subset, or the mask has another size than the images; the settings
+            demand the global method.
     """
+    if settings.method == "global":
+        raise BadInput(
+            f"the global method is limited to {MAX_UNDIVIDED_PX} x {MAX_UNDIVIDED_PX} px and {BAND_POINTS} points: "
+            "reduce the frame or the number of points, or use the method subset"
+        )
     if reference.shape != current.shape:
         (h0, w0), (h1, w1) = reference.shape, current.shape
         raise BadInput(f"the reference is {w0} x {h0} px but the current image {w1} x {h1} px: give two images of one size")

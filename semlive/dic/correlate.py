@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from semlive.data.settings import DicSettings
 from semlive.dic.grid import grid_for
 from semlive.dic.initial_guess.fields import nearest_block_field, residual_affine_field, smooth_field
 from semlive.dic.initial_guess.search import match
+from semlive.dic.method_choice import measure_globally, too_few_measured
 from semlive.dic.outlier_rejection import PointMeasurements, rejection_status
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distance
@@ -46,12 +48,13 @@ def correlate(
 ) -> DisparityMap:
     """Measure the disparity at every POI of the reference: ``x_current = x_reference + u``.
 
-    IC-GN minimises ZNSSD with the shape function of the reference. The result does not depend on the number of threads.
+    IC-GN minimises ZNSSD with the shape function of the reference. The result does not depend on the number of threads. With the
+    method ``auto``, the global method replaces the map if subsets measure too few points (`method_choice`).
 
     Args:
         reference: from `prepare`.
         image: (height, width) current frame, uint8 or uint16.
-        settings: tolerance, iterations, smallest ZNCC.
+        settings: tolerance, iterations, smallest ZNCC, method.
         reference_frame: number of the reference frame.
         current_frame: number of the current frame.
 
@@ -67,6 +70,12 @@ def correlate(
         )
     current = images.to_float32_grey(image)
 
+    def by_global_method() -> DisparityMap:
+        return measure_globally(reference, current, settings, reference_frame=reference_frame, current_frame=current_frame)
+
+    if settings.method == "global":
+        return by_global_method()
+
     def guessed() -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         matches = match(reference.coarse, current)
         return matches, smooth_field(matches, reference.grid) if len(matches) else None
@@ -76,14 +85,15 @@ def correlate(
     )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
     measurements = point_measurements(reference, solutions, settings)
-    return to_disparity_map(
-        measurements,
-        reference.grid,
-        settings,
-        reference_frame=reference_frame,
-        current_frame=current_frame,
-        second=lambda: second_estimates(reference, current, solutions, settings),
-    )
+    to_map = partial(to_disparity_map, measurements, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+    disparity = to_map()
+    if settings.method == "auto" and too_few_measured(disparity):
+        other = by_global_method()
+        if np.count_nonzero(other.valid) > np.count_nonzero(disparity.valid):
+            return other
+    if is_doubtful(measurements, disparity.status):
+        return to_map(second=second_estimates(reference, current, solutions, settings))
+    return disparity
 
 
 def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:
@@ -131,7 +141,7 @@ def to_disparity_map(
     *,
     reference_frame: int,
     current_frame: int,
-    second: Callable[[], SecondEstimates | None] | None = None,
+    second: SecondEstimates | None = None,
 ) -> DisparityMap:
     """Disparity map of the accepted point measurements.
 
@@ -143,12 +153,12 @@ def to_disparity_map(
         settings: of the correlation.
         reference_frame: number of the reference frame.
         current_frame: number of the current frame.
-        second: function that returns second estimates, called only for maps with many doubtful points; None: none are made.
+        second: second estimates of a map with many doubtful points.
     """
     resolved = dataclasses.replace(grid, subset_px=grid.subset_px * 4 // 7 | 1) if settings.shape_function == "quartic" else grid
     verdict = rejection_status(measurements, resolved, curved=settings.shape_function != "affine")
-    if second is not None and is_doubtful(measurements, verdict) and (estimates := second()) is not None:
-        measurements, verdict = confirm(measurements, verdict, estimates, resolved)
+    if second is not None:
+        measurements, verdict = confirm(measurements, verdict, second, resolved)
     valid = measurements.valid & (verdict == PoiStatus.CONVERGED)
 
     def where_valid(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -90,6 +90,8 @@ def advance(
     Raises:
         BadInput: the frames differ in size.
     """
+    if settings.method == "auto":
+        settings = dataclasses.replace(settings, method="subset")  # a new reference, not another method, recovers lost points
     m = _composed(track, correlate(track.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
     if (renew or _too_weak(track, m)) and track.last_map is not None and track.last_map.valid.any():
         fresh = _renewed(track, settings)
@@ -111,7 +113,7 @@ def _with_returned_points(m: DisparityMap, previous: IncrementalTrack, image: Im
     returned = from_previous.valid & ~m.valid
     names = ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status")
     values = {name: np.where(returned, getattr(from_previous, name), getattr(m, name)) for name in names}
-    return dataclasses.replace(m, **values, covariance_px2=None, iterations=None)
+    return dataclasses.replace(m, **values, covariance_px2=None, iterations=None, neighbour_share=None)
 
 
 def _median_zncc(m: DisparityMap) -> float:

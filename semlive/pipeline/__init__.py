@@ -8,6 +8,7 @@ A state goes in, a new state and a result come out. A reported result is never e
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.experiment import Phase
@@ -19,7 +20,7 @@ from semlive.estimate.joint.solution.solver import selection_due
 from semlive.pipeline.accumulation import accumulate, apply_effect_model, solve, solve_incremental, solve_live, start, start_from_maps
 from semlive.pipeline.conclusion import calibration_refusal, estimate_revision, finalise, residual_warning
 from semlive.pipeline.correction import correct_changed, correct_frame, correct_frames
-from semlive.pipeline.correlation import complete_maps, correlate, maps_from_reference, precorrelate
+from semlive.pipeline.correlation import complete_maps, correlate, correlation_notes, maps_from_reference, precorrelate
 from semlive.pipeline.elastic import refit_elastic
 from semlive.pipeline.state import NO_PRECORRELATION, AnalysisState, PrecorrelatedFrame, frames_of
 
@@ -62,6 +63,7 @@ def add_pair(state: AnalysisState, decision: PairDecision, maps: Maps) -> tuple[
     if len(state.loaded_pairs) <= MAX_LOAD_STEPS_LIVE and (revised or decision.step.phase is Phase.TENSION):
         state = refit_elastic(state)
     newest = estimate_revision(state, state.solution, checked=False, newest_only=True)
+    newest = replace(newest, notes=(*newest.notes, *correlation_notes(maps, state.settings.dic)))
     return state, PairResult(decision, len(state.pairs), maps, newest, frames, *state.elastic, revised)
 
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from semlive import dic
 from semlive.data.disparity import DisparityMap
 from semlive.data.frame import Frame
+from semlive.data.notes import Note, NoteCode, warning
 from semlive.data.pair import Pair
+from semlive.data.settings import DicSettings
 from semlive.errors import IllPosed
 from semlive.pipeline.state import NO_PRECORRELATION, NOT_PRECORRELATED, AnalysisState, PrecorrelatedFrame
 
@@ -67,6 +71,22 @@ def _correlate(state: AnalysisState, pair: Pair, precorrelated: Mapping[int, Pre
         return dic.correlate_with_matched_blur(reference, frame.image, settings, blur, reference_frame=0, current_frame=number)
 
     return within, from_frame_0(pair.first, first, 2 * k), from_frame_0(pair.second, second, 2 * k + 1)
+
+
+def correlation_notes(maps: tuple[DisparityMap, ...], settings: DicSettings) -> tuple[Note, ...]:
+    """A warning if the method ``auto`` measured a map with the global method."""
+    chosen = [disparity for disparity in maps if disparity.method == "global"]
+    if settings.method != "auto" or not chosen:
+        return ()
+    shares = [disparity.neighbour_share[disparity.valid] for disparity in chosen if disparity.neighbour_share is not None]
+    values = np.concatenate(shares)
+    share = float(np.median(values)) if len(values) else 1.0
+    text = (
+        "subsets measure too few points of this texture, so the global method with a smooth field measures the maps; "
+        f"neighbours and smoothness determine {100.0 * share:.0f} % of a value (median); use a finer pattern, "
+        "or set dic.method to subset to refuse such points"
+    )
+    return (warning(NoteCode.GLOBAL_CORRELATION, text),)
 
 
 def maps_from_reference(pair: int, maps: tuple[DisparityMap, ...]) -> tuple[DisparityMap, ...]:

@@ -48,7 +48,7 @@ def test_json_and_csv(folder):
     figures = json.loads(result.stdout)
     wall_s = figures.pop("wall_s")
     assert 0.0 < wall_s < 5.0
-    assert figures == {"points": 120, "converged": 120, "subset_px": 31, "step_px": 5}
+    assert figures == {"points": 120, "converged": 120, "subset_px": 31, "step_px": 5, "method": "subset"}
     assert out.read_text().splitlines()[0] == "x,y,u,v,sigma_u,sigma_v,zncc,status"
     rows = list(csv.DictReader(out.read_text().splitlines()))
     assert [(row["x"], row["y"]) for row in (rows[0], rows[1], rows[-1])] == [("30", "25"), ("35", "25"), ("85", "70")]
@@ -90,7 +90,7 @@ def test_a_poor_pattern_is_told_with_its_figure(folder):
     tifffile.imwrite(folder / "faint.tif", faint)
     result = run(folder / "faint.tif", folder / "faint.tif", "--subset", 31, "--json")
     assert result.exit_code == 0
-    assert len(json.loads(result.stdout)) == 5  # a contract: nothing new in it
+    assert set(json.loads(result.stdout)) == {"points", "converged", "wall_s", "subset_px", "step_px", "method"}  # a contract
     told = [line for line in result.stderr.splitlines() if line.startswith(str(folder / "faint.tif"))]
     assert any(
         "the contrast of the pattern is 3.2 grey levels" in line and "increase the contrast of the detector" in line for line in told

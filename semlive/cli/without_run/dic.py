@@ -26,6 +26,7 @@ from semlive.inputs.files import MAX_IMAGE_BYTES, read_regular
 
 QUALITY_CHECK_MAX_PX = 2048  # largest edge of the part of the reference whose pattern quality is evaluated
 HEADER = "x,y,u,v,sigma_u,sigma_v,zncc,status"
+GLOBAL_NOTE = "subsets measure too few points of this texture; the global method measures them with a smooth field"
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
@@ -53,11 +54,17 @@ def dic(
             help="Largest possible motion in px along x or y, if known; regular patterns can then be measured up to half their pitch."
         ),
     ] = None,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="Method: subset, global (one smooth field, for weak texture), or auto (global if subsets measure too few points)."
+        ),
+    ] = "auto",
     out: Annotated[Path | None, typer.Option(help="CSV file to write; a folder if there are several current images.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px."""
-    settings = _settings(subset, step, roi, interpolation, shape, search)
+    settings = _settings(subset, step, roi, interpolation, shape, search, method)
     image = _read(ref)
     used = None if mask is None else _read_same_size(mask, ref, image) > 0
     height, width = image.shape
@@ -81,6 +88,8 @@ def dic(
             disparity = engine.correlate(reference, current, settings, reference_frame=0, current_frame=number)
         wall_s = time.perf_counter() - start + prepared_s
         prepared_s = 0.0  # the reference is prepared once; its time is counted with the first image
+        if method == "auto" and disparity.method == "global":
+            echo(f"{path}: {GLOBAL_NOTE}", err=True)
         if files:
             _write(files[number - 1], disparity)
         figures.append(_figures(disparity, settings, wall_s))
@@ -140,7 +149,7 @@ def _with_progress(paths: list[Path]) -> Iterator[Path]:
         yield path
 
 
-def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape: str, search: float | None) -> DicSettings:
+def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape: str, search: float | None, method: str) -> DicSettings:
     corners: tuple[int, int, int, int] | None = None
     if roi is not None:
         try:
@@ -150,7 +159,12 @@ def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape
         corners = (x0, y0, x1, y1)
     splines: dict[str, Literal["cubic", "quintic"]] = {"cubic": "cubic", "quintic": "quintic"}
     shapes: dict[str, Literal["affine", "quadratic", "quartic"]] = {"affine": "affine", "quadratic": "quadratic", "quartic": "quartic"}
-    for option, word, choices in (("--interpolation", interpolation, splines), ("--shape", shape, shapes)):
+    methods: dict[str, Literal["auto", "subset", "global"]] = {"auto": "auto", "subset": "subset", "global": "global"}
+    for option, word, choices in (
+        ("--interpolation", interpolation, splines),
+        ("--shape", shape, shapes),
+        ("--method", method, methods),
+    ):
         if word not in choices:
             raise BadInput(f"{option} {word}: no such choice; give {', '.join(list(choices)[:-1])} or {list(choices)[-1]}.")
     if search is not None and not search > 0.0:
@@ -163,6 +177,7 @@ def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape
             interpolation=splines[interpolation],
             shape_function=shapes[shape],
             search_px=search,
+            method=methods[method],
         )
     except ValueError as error:
         raise BadInput(f"--subset {subset} --step {step}: {error}.") from error
@@ -212,13 +227,16 @@ def _write(path: Path, disparity: DisparityMap) -> None:
     x, y = disparity.grid.mesh()
     m = disparity
     columns = [a.ravel().tolist() for a in (x, y, m.u_px, m.v_px, m.sigma_u_px, m.sigma_v_px, m.zncc, m.status)]
+    header, shares = HEADER, [""] * m.status.size
+    if m.neighbour_share is not None:
+        header, shares = f"{HEADER},neighbour_share", [f",{share:.4f}" for share in m.neighbour_share.ravel().tolist()]
     words = {int(status): status.label for status in PoiStatus}
     lines = [
-        f"{x:.0f},{y:.0f},{u:.6f},{v:.6f},{su:.6f},{sv:.6f},{zncc:.6f},{words[status]}"
-        for x, y, u, v, su, sv, zncc, status in zip(*columns, strict=True)
+        f"{x:.0f},{y:.0f},{u:.6f},{v:.6f},{su:.6f},{sv:.6f},{zncc:.6f},{words[status]}{share}"
+        for x, y, u, v, su, sv, zncc, status, share in zip(*columns, shares, strict=True)
     ]
     try:
-        path.write_text("\n".join([HEADER, *lines, ""]), encoding="ascii", newline="\n")
+        path.write_text("\n".join([header, *lines, ""]), encoding="ascii", newline="\n")
     except OSError as error:
         raise BadInput(f"{path}: cannot be written ({error.strerror}); give a path that can.") from error
 
@@ -230,6 +248,7 @@ def _figures(disparity: DisparityMap, settings: DicSettings, wall_s: float) -> d
         "wall_s": round(wall_s, 6),
         "subset_px": settings.subset_px,
         "step_px": settings.step_px,
+        "method": disparity.method,
     }
 
 

@@ -1,7 +1,8 @@
 """Disparity maps and corrected fields as compact bytes.
 
-Layout of all three, little endian: four magic bytes, u16 version 1, u16 zero, eight i32, then the fields row by row, nx * ny numbers
-each, and nx * ny bytes with the status of each point.
+Layout of all three, little endian: four magic bytes, u16 version 1, u16 number of additional fields, eight i32, then the fields row by
+row, nx * ny numbers each, and nx * ny bytes with the status of each point. Only a disparity map of the global method has an additional
+field, after zncc: float64 neighbour_share (8 bytes a point more).
 
 | what | magic | the eight i32 | fields | bytes | a point |
 |---|---|---|---|---|---|
@@ -43,16 +44,19 @@ class _Kind:
     number: str
     fields: int
     largest_byte: int
+    additional: int = 0
 
 
-_MAP = _Kind("/dic/map", "disparity map", b"SLDM", "<f8", 5, max(PoiStatus))
+_MAP = _Kind("/dic/map", "disparity map", b"SLDM", "<f8", 5, max(PoiStatus), 1)
 _DISPLACEMENT = _Kind("/displacement/field", "displacement field", b"SLDF", "<f4", 4, 1)
 _STRAIN = _Kind("/strain/field", "strain field", b"SLSF", "<f4", 3, 1)
 
 
 def encode_map(disparity: DisparityMap) -> bytes:
     """Return a disparity map as bytes."""
-    fields = (disparity.u_px, disparity.v_px, disparity.sigma_u_px, disparity.sigma_v_px, disparity.zncc)
+    fields = [disparity.u_px, disparity.v_px, disparity.sigma_u_px, disparity.sigma_v_px, disparity.zncc]
+    if disparity.neighbour_share is not None:
+        fields.append(disparity.neighbour_share)
     return _encode(_MAP, (disparity.reference, disparity.current), disparity.grid, fields, disparity.status)
 
 
@@ -63,8 +67,9 @@ def decode_map(payload: bytes) -> DisparityMap:
         BadLog: the bytes are no disparity map of a known version.
     """
     (reference, current), grid, fields, status = _decode(_MAP, payload)
-    u, v, sigma_u, sigma_v, zncc = fields
-    return DisparityMap(reference, current, grid, u, v, sigma_u, sigma_v, zncc, status)
+    u, v, sigma_u, sigma_v, zncc, *additional = fields
+    share = additional[0] if additional else None
+    return DisparityMap(reference, current, grid, u, v, sigma_u, sigma_v, zncc, status, neighbour_share=share)
 
 
 def encode_displacement(field: Displacement) -> bytes:
@@ -104,20 +109,27 @@ def _encode(
 ) -> bytes:
     place = (grid.x0_px, grid.y0_px, grid.step_px, grid.nx, grid.ny, grid.subset_px)
     parts = [np.ascontiguousarray(field, dtype=kind.number).tobytes() for field in fields]
-    return b"".join((_HEAD.pack(kind.magic, _VERSION, 0, *numbers, *place), *parts, np.ascontiguousarray(marks, dtype=np.uint8).tobytes()))
+    return b"".join(
+        (
+            _HEAD.pack(kind.magic, _VERSION, len(fields) - kind.fields, *numbers, *place),
+            *parts,
+            np.ascontiguousarray(marks, dtype=np.uint8).tobytes(),
+        )
+    )
 
 
 def _decode(kind: _Kind, payload: bytes) -> tuple[tuple[int, int], Grid, list[NDArray[np.float64]], NDArray[np.uint8]]:
     if len(payload) < _HEAD.size:
         raise BadLog(f"{kind.topic}: {len(payload)} bytes are no {kind.name}; recompute from the images.")
-    magic, version, _, first, second, x0, y0, step, nx, ny, subset = _HEAD.unpack_from(payload)
+    magic, version, additional, first, second, x0, y0, step, nx, ny, subset = _HEAD.unpack_from(payload)
     if magic != kind.magic or version != _VERSION:
         raise BadLog(f"{kind.topic}: no {kind.name} of version {_VERSION}; read this log with the version of semlive that wrote it.")
-    points, size = nx * ny, np.dtype(kind.number).itemsize
-    if nx < 1 or ny < 1 or points > _MAX_POINTS or len(payload) != _HEAD.size + points * (size * kind.fields + 1):
+    points, size, count = nx * ny, np.dtype(kind.number).itemsize, kind.fields + additional
+    known = additional <= kind.additional
+    if nx < 1 or ny < 1 or points > _MAX_POINTS or not known or len(payload) != _HEAD.size + points * (size * count + 1):
         raise BadLog(f"{kind.topic}: {len(payload)} bytes do not hold {nx} x {ny} points; recompute from the images.")
-    packed = np.frombuffer(payload, kind.number, kind.fields * points, _HEAD.size).reshape(kind.fields, ny, nx)
-    marks = np.frombuffer(payload, np.uint8, points, _HEAD.size + size * kind.fields * points).reshape(ny, nx)
+    packed = np.frombuffer(payload, kind.number, count * points, _HEAD.size).reshape(count, ny, nx)
+    marks = np.frombuffer(payload, np.uint8, points, _HEAD.size + size * count * points).reshape(ny, nx)
     if marks.max() > kind.largest_byte:
         raise BadLog(f"{kind.topic}: a point has an unknown status; read this log with the version of semlive that wrote it.")
     fields = [field.astype(np.float64) for field in packed]

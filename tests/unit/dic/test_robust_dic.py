@@ -69,7 +69,7 @@ def test_small_subsets_are_not_refused_for_their_noise(lab, subset_px, shape):
 def test_bands_find_what_the_whole_frame_finds(bench, hard, number, masked, interpolation):
     s = hard.scene(number)
     mask = ~hard.blobs(np.random.default_rng(number), 0.2) if masked else None
-    settings = DicSettings(step_px=12, roi_px=None, interpolation=interpolation)
+    settings = DicSettings(step_px=12, roi_px=None, interpolation=interpolation, method="subset")
     grid = dic.grid_for(settings, 640, 560)
     assert len(list(bands(grid, (560, 640), 400_000, 10_000))) > 1
     one = dic.match(s.first, s.second, grid, settings, mask=mask)

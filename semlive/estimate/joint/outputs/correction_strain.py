@@ -214,4 +214,4 @@ def _thinned(dmap: DisparityMap) -> DisparityMap:
         ny=len(range(*rows.indices(dmap.grid.ny))),
     )
     maps = {name: getattr(dmap, name)[rows, columns] for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status")}
-    return replace(dmap, grid=grid, covariance_px2=None, iterations=None, **maps)
+    return replace(dmap, grid=grid, covariance_px2=None, iterations=None, neighbour_share=None, **maps)
