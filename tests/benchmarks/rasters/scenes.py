@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .detector import Charging, Detector, Noise, RowBrightness, random_brightness
+from .detector import MEAN_GREY, Charging, Detector, Noise, RowBrightness, random_brightness
 from .motion import Displacement, RowMotion, beam, pixels, random_displacement, random_rows, true_displacement
 from .textures import HEIGHT_PX, TEXTURES, WIDTH_PX, Field, Surface, surface
 
@@ -84,10 +84,11 @@ def _changed(detector: Detector) -> tuple[Detector, Detector]:
 
 
 def _bright(detector: Detector) -> tuple[Detector, Detector]:
-    """Contrast and brightness that clip part of the pixels, another part in each frame."""
+    """Contrast and brightness that clip what lies 1.9 standard deviations above the mean in the first frame, below it in the second."""
+    first, second = 2.0 * detector.contrast_grey, 1.6 * detector.contrast_grey
     return (
-        replace(detector, contrast_grey=2.5 * detector.contrast_grey, brightness_grey=60.0),
-        replace(detector, contrast_grey=2.0 * detector.contrast_grey, brightness_grey=-40.0),
+        replace(detector, contrast_grey=first, brightness_grey=255.0 - MEAN_GREY - 1.9 * first),
+        replace(detector, contrast_grey=second, brightness_grey=1.9 * second - MEAN_GREY),
     )
 
 
