@@ -80,9 +80,8 @@ def repeats(s: Scene, count: int, seed: int = 1) -> Repeats:
         part = np.stack([draw[k] for draw in draws])
         part = part if name in "uv" else part[:, edge:-edge, edge:-edge]
         variance = np.var(part, axis=0, ddof=1)
-        middle = (
-            2.0 * gammaincinv(0.5 * (count - 1), 0.5) / (count - 1)
-        )  # of a variance estimated from so few exposures, relative to its mean
+        # Median of a variance that is estimated from so few exposures, relative to its mean.
+        middle = 2.0 * gammaincinv(0.5 * (count - 1), 0.5) / (count - 1)
         observed.append(float(np.sqrt(np.nanmedian(variance) / middle)) if np.isfinite(variance).any() else 0.0)
     sigma = gauge.sigma
     predicted = (choice.sigma_u_px, choice.sigma_v_px, sigma.exx, sigma.eyy, sigma.exy)
