@@ -124,3 +124,19 @@ def test_matchable_points_are_measured(key: tuple[str, str]) -> None:
     assert c.matchable > 1000
     assert c.wrong == 0
     assert c.share >= MIN_SHARE
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        ("grains", "row brightness"),
+        ("grains", "rows shifted 2 px"),
+        ("deflection", "weak contrast"),
+        ("heights", "probe microscope"),
+    ],
+)
+def test_matchable_points_of_disturbed_rasters_are_measured(key: tuple[str, str]) -> None:
+    c = measure(NAMES.index(key))
+    assert c.matchable > 1000
+    assert c.wrong == 0
+    assert c.share >= MIN_SHARE
