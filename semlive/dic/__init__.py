@@ -1,5 +1,6 @@
 """Digital image correlation: from two frames to a disparity map."""
 
+from semlive.data.correlation_choice import CorrelationChoice
 from semlive.data.disparity import DisparityMap, PoiStatus, RowShifts
 from semlive.data.frame import PatternQuality
 from semlive.data.grid import Grid
@@ -13,10 +14,12 @@ from semlive.dic.incremental import advance, begin, compose_maps
 from semlive.dic.integration_blur import IntegrationBlur, blur_of_pair, correlate_with_matched_blur, missing_blur
 from semlive.dic.no_points import NoPointsCause, NoPointsReason, explain_no_points, has_few_points
 from semlive.dic.quality import quality
+from semlive.dic.recommendation import recommend
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.row_registration import register_rows, row_jitter
 
 __all__ = [
+    "CorrelationChoice",
     "DicSettings",
     "DisparityMap",
     "Grid",
@@ -43,6 +46,7 @@ __all__ = [
     "missing_blur",
     "prepare",
     "quality",
+    "recommend",
     "register_rows",
     "row_jitter",
     "warm_up",

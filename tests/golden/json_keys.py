@@ -21,7 +21,7 @@ def commands(demo: Path) -> dict[str, list[str]]:
         "replay sutton2007": ["replay", str(log), "--from-disparity", "--max", "--method", "sutton2007", "--json"],
         "diagnose": ["diagnose", str(log), "--json"],
         "plan": ["plan", str(config), "--test-frame", str(first), "--json"],
-        "doctor": ["doctor", str(config), "--json"],
+        "doctor": ["doctor", str(config), "--test-frame", str(first), "--json"],
         "inspect": ["inspect", str(first), "--json"],
         "recover": ["recover", str(log), "--json"],
         "prune": ["prune", str(log.parent), "--days", "36500", "--json"],

@@ -11,6 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.before_run.recommendation_text import recommendation_json, recommendation_rows
 from semlive.cli.shared.progress_bar import compile_with_progress
 from semlive.cli.shared.terminal import cell
 from semlive.data.checks import Finding, Verdict
@@ -18,12 +19,16 @@ from semlive.data.settings import DicSettings
 from semlive.errors import SemliveError
 from semlive.service.checks import run_checks
 from semlive.service.config.configuration import load_config
+from semlive.service.planning.recommendation import Recommendation, recommendation_for_file
 
 _COLOURS = {Verdict.OK: "green", Verdict.UNKNOWN: "yellow", Verdict.FAILED: "red"}
 
 
 def doctor(
     config: Annotated[Path | None, typer.Argument(help="Configuration of a run; without it only the computer is checked.")] = None,
+    test_frame: Annotated[
+        Path | None, typer.Option("--test-frame", help="One frame of the specimen, for which method, subset and step are recommended.")
+    ] = None,
     warm: Annotated[bool, typer.Option("--warm", help="Compile the kernels now instead of at the first run.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
@@ -31,14 +36,24 @@ def doctor(
     checked = None if config is None else load_config(config)
     if warm:
         compile_with_progress(DicSettings() if checked is None else checked.dic)
-    findings = tuple(run_checks(checked))
+    recommended = None if test_frame is None else recommendation_for_file(test_frame, checked)
+    findings = (*run_checks(checked), *(() if recommended is None else (pattern_finding(recommended),)))
     failed = [finding for finding in findings if finding.verdict is Verdict.FAILED]
     if as_json:
-        typer.echo(json.dumps({"sound": not failed, "findings": [finding.to_json() for finding in findings]}))
+        found = {"sound": not failed, "findings": [finding.to_json() for finding in findings]}
+        typer.echo(json.dumps({**found, **({} if recommended is None else {"recommended": recommendation_json(recommended)})}))
     else:
         Console().print(_table(findings))
     if failed:
         raise SemliveError(f"{len(failed)} of {len(findings)} checks failed; {failed[0].what}: {failed[0].observation}; {failed[0].advice}")
+
+
+def pattern_finding(recommended: Recommendation) -> Finding:
+    """The recommendation as a finding; open where subsets are not sufficient."""
+    observation = "; ".join(text for _, text in recommendation_rows(recommended))
+    if recommended.choice.method == "subset":
+        return Finding("pattern", observation, Verdict.OK)
+    return Finding("pattern", observation, Verdict.UNKNOWN, "use the global method, or improve the pattern, the contrast or the scan")
 
 
 def _table(findings: tuple[Finding, ...]) -> Table:

@@ -12,6 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.before_run.recommendation_text import recommendation_json, recommendation_rows
 from semlive.cli.before_run.stop_table import stop_json, stop_table
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.engine.schedule import dose_c_m2
@@ -92,6 +93,7 @@ def _json(planned: ExperimentPlan, dose: float | None) -> dict[str, Any]:
         "mean_strain_sigma": None if planned.mean_sigma is None else asdict(planned.mean_sigma),
         "false_strain": {"distortion": planned.distortion, "shifts": [asdict(item) for item in planned.false_strain]},
         "stop_distances": None if planned.stops is None else stop_json(planned.stops),
+        "recommended": recommendation_json(planned.recommended),
         "advice": list(planned.advice),
     }
 
@@ -114,6 +116,8 @@ def _facts(planned: ExperimentPlan, dose: float | None, current_na: float) -> Ta
     if planned.quality is not None and planned.quality.usable.any():
         u, v = planned.quality.median_sigma_px
         rows.append(("displacement noise", f"{u:.4f} px along x, {v:.4f} px along y, of one point in one pair"))
+    if planned.recommended is not None:
+        rows += recommendation_rows(planned.recommended)
     if planned.mean_sigma is not None:
         mean = planned.mean_sigma
         rows.append(("mean strain noise", f"exx {mean.exx:.1e}, eyy {mean.eyy:.1e}, exy {mean.exy:.1e}; drift and distortion add to it"))

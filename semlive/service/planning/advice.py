@@ -120,6 +120,11 @@ def _pattern(config: Config, planned: ExperimentPlan) -> Iterator[str]:
         yield "without --test-frame the noise of displacement and strain is unknown: scan one frame of the specimen and give it"
         return
     yield from quality.warnings
+    if planned.recommended is not None and planned.recommended.choice.method == "global":
+        yield (
+            f"subsets are not sufficient for this frame: {planned.recommended.choice.reason}; use the global method, "
+            "or improve the pattern, the contrast or the scan"
+        )
     window = config.estimate.window_points
     gauge = next((option for option in planned.gauges if option.window_points == window), None)
     if gauge is not None and (sigma := max(gauge.sigma.exx, gauge.sigma.eyy)) > TARGET_STRAIN:

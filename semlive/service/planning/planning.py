@@ -21,6 +21,7 @@ from semlive.inputs.files import MAX_IMAGE_BYTES, read_regular
 from semlive.service.config.configuration import Config
 from semlive.service.diagnosis.model_file import Model, require_compatible
 from semlive.service.planning.advice import advice
+from semlive.service.planning.recommendation import GaugeNoise, Recommendation, gauge_noise, recommendation
 from semlive.service.planning.stop_distances import StopPlan, stop_plan
 from semlive.service.replay.replay import ReplayCallbacks, result_from_maps
 from semlive.service.watch.sidecars import sidecar_of
@@ -50,21 +51,6 @@ class Scan:
     pixel_size_m: float
     source: str
     vendor: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class GaugeNoise:
-    """Expected standard uncertainty of strain at one gage length.
-
-    Attributes:
-        window_points: edge of the gauge in POI.
-        vsg_px: edge of the gauge in px, subset included.
-        sigma: standard uncertainty of one gauge from the noise of the correlation.
-    """
-
-    window_points: int
-    vsg_px: int
-    sigma: Tensor2
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +89,7 @@ class ExperimentPlan:
         advice: texts, most urgent first.
         effects: names of the effects that the model corrects.
         stops: stop distances of the largest ramp; None if semlive does not move the load frame.
+        recommended: recommended correlation for the test frame; None without one.
     """
 
     scan: Scan
@@ -116,6 +103,7 @@ class ExperimentPlan:
     advice: tuple[str, ...]
     effects: tuple[str, ...] = ()
     stops: StopPlan | None = None
+    recommended: Recommendation | None = None
 
 
 def plan_experiment(
@@ -157,11 +145,7 @@ def plan_experiment(
         sigma_px = quality.median_sigma_px
         fit = config.estimate.strain
         windows = sorted({*GAUGES, config.estimate.window_points})
-        gauges = tuple(
-            GaugeNoise(points, grid.vsg_px(points), mechanics.expected_sigma(grid, points, sigma_px, fit))
-            for points in windows
-            if points <= min(grid.shape)
-        )
+        gauges = tuple(gauge_noise(grid, points, sigma_px, fit) for points in windows if points <= min(grid.shape))
         mean_sigma = mechanics.expected_mean_sigma(grid, sigma_px)
     distortion, source = _distortion(log, grid, scan, watch)
     shifts = dict.fromkeys(step.shift_px for step in plan.steps if step.phase is not Phase.TENSION and step.shift_px != (0.0, 0.0))
@@ -169,7 +153,10 @@ def plan_experiment(
     effects = tuple(effect.name for effect in config.analysis_settings().model.effects)
     stops = stop_plan(config, force_noise_n, force_resolution_n)
     in_view = tuple(effect for effect in false_strains if effect is not None)
-    planned = ExperimentPlan(scan, times, grid, quality, gauges, mean_sigma, in_view, source, (), effects, stops)
+    recommended = None
+    if frame is not None:
+        recommended = recommendation(frame.image, config.dic, config.estimate.window_points, config.estimate.strain)
+    planned = ExperimentPlan(scan, times, grid, quality, gauges, mean_sigma, in_view, source, (), effects, stops, recommended)
     return replace(planned, advice=advice(config, planned))
 
 

@@ -7,8 +7,11 @@ import socket
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import tifffile
 import yaml
+from scipy import ndimage
 from typer.testing import CliRunner
 
 from semlive.cli.app import app
@@ -119,3 +122,25 @@ def test_without_any_folder_they_are_kept_until_the_computer_starts_anew(tmp_pat
     chosen = configure_jit_cache(environ, tmp_path / "file")
     assert chosen.is_dir()
     chosen.rmdir()
+
+
+@pytest.mark.parametrize(("contrast", "verdict", "method"), [(40.0, "good", "subset"), (1.5, "open", "global")])
+def test_a_test_frame_is_judged_without_a_configuration(tmp_path: Path, contrast: float, verdict: str, method: str) -> None:
+    rng = np.random.default_rng(5)
+    speckle = ndimage.gaussian_filter(rng.standard_normal((240, 260)), 2.0)
+    image = np.clip(128 + contrast * speckle / speckle.std() + 3.0 * rng.standard_normal(speckle.shape), 0, 255).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "frame.tif", image)
+    done = CliRunner().invoke(app, ["doctor", "--test-frame", str(tmp_path / "frame.tif"), "--json"])
+    printed = json.loads(done.stdout)
+    finding = next(one for one in printed["findings"] if one["what"] == "pattern")
+    assert finding["verdict"] == verdict
+    assert finding["said"].startswith(f"method {method}, subset ")
+    assert ("global method" in finding["advice"]) == (method == "global")
+    assert printed["recommended"]["method"] == method
+    shown = CliRunner().invoke(app, ["doctor", "--test-frame", str(tmp_path / "frame.tif")])
+    assert "pattern" in shown.stdout
+
+
+def test_a_test_frame_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["doctor", "--test-frame", str(tmp_path / "none.tif")])
+    assert "cannot be read" in str(done.exception)

@@ -116,6 +116,10 @@ def test_a_test_frame_foretells_noise(tmp_path: Path) -> None:
         gauge = next(one for one in said["strain_sigma"] if one["window_points"] == 9)
         assert gauge["vsg_px"] == 123
         assert said["dose_c_m2"] == pytest.approx(said["scans"] * 2e-4 * 2e-9 / 1e-12)
+        best = said["recommended"]
+        assert (best["method"], best["subset_px"], best["step_px"]) == ("subset", *{4.0: (31, 3), 8.0: (43, 5)}[noise])
+        assert max(best["displacement_sigma_px"]) <= {4.0: 0.02, 8.0: 0.05}[noise]
+        assert best["strain_sigma"]["vsg_px"] == pytest.approx(123, abs=6)
     assert sigma[1] == pytest.approx(2 * sigma[0], rel=0.1)
 
 
