@@ -62,14 +62,14 @@ def _rows(first, last, c, x_px, y_px, value, along_x, along_y, inside):
             x, y = x_px[j, i], y_px[j, i]
             if not (x >= 1.0 and y >= 1.0 and x < width - 2 and y < height - 2):
                 continue
-            left, top = int(x), int(y)
-            _weights(np.float32(x - left), wx, sx)
-            _weights(np.float32(y - top), wy, sy)
+            column, row = int(x), int(y)
+            _weights(np.float32(x - column), wx, sx)
+            _weights(np.float32(y - row), wy, sy)
             grey, dx, dy = np.float32(0.0), np.float32(0.0), np.float32(0.0)
             for n in range(4):
                 across, steep = np.float32(0.0), np.float32(0.0)
                 for m in range(4):
-                    k = c[top - 1 + n, left - 1 + m]
+                    k = c[row - 1 + n, column - 1 + m]
                     across += wx[m] * k
                     steep += sx[m] * k
                 grey += wy[n] * across

@@ -67,14 +67,24 @@ def dic(
     settings = _settings(subset, step, roi, interpolation, shape, search, method)
     image = _read(ref)
     used = None if mask is None else _read_same_size(mask, ref, image) > 0
-    height, width = image.shape
-    grid = engine.grid_for(settings, width, height)
+    engine.grid_for(settings, image.shape[1], image.shape[0])  # reject settings that do not fit before anything is decoded
     for path in cur:
         _read_same_size(path, ref, image)  # reject a wrong file before the correlation; decoding takes a thirtieth of its time
     files = _output_files(out, cur)
     compile_with_progress(settings)
     for warning in _poor(image, settings, used):
         echo(f"{ref}: {warning}", err=True)
+    figures = _correlate_files(ref, cur, files, image, used, settings, as_json)
+    if as_json:
+        typer.echo(json.dumps(figures[0] if len(figures) == 1 else figures))
+    _fail_without_points(cur, figures)
+
+
+def _correlate_files(
+    ref: Path, cur: list[Path], files: list[Path], image: Image, used: NDArray[np.bool_] | None, settings: DicSettings, as_json: bool
+) -> list[dict[str, object]]:
+    """Correlate each current image; write its CSV file, print its line, and return the figures for JSON."""
+    grid = engine.grid_for(settings, image.shape[1], image.shape[0])
     start = time.perf_counter()
     reference = None if engine.is_large(image.shape, grid) else engine.prepare(image, grid, settings, used)
     prepared_s = time.perf_counter() - start
@@ -88,7 +98,7 @@ def dic(
             disparity = engine.correlate(reference, current, settings, reference_frame=0, current_frame=number)
         wall_s = time.perf_counter() - start + prepared_s
         prepared_s = 0.0  # the reference is prepared once; its time is counted with the first image
-        if method == "auto" and disparity.method == "global":
+        if settings.method == "auto" and disparity.method == "global":
             echo(f"{path}: {GLOBAL_NOTE}", err=True)
         if files:
             _write(files[number - 1], disparity)
@@ -98,9 +108,7 @@ def dic(
         if engine.has_few_points(disparity):
             reason = engine.explain_no_points(image, current, disparity, settings, mask=used)
             figures[-1]["reason"] = _warn(path, disparity, reason)
-    if as_json:
-        typer.echo(json.dumps(figures[0] if len(figures) == 1 else figures))
-    _fail_without_points(cur, figures)
+    return figures
 
 
 def _warn(path: Path, disparity: DisparityMap, reason: engine.NoPointsReason) -> dict[str, str]:

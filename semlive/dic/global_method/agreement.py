@@ -46,7 +46,7 @@ def support(f: Image, g: Image, field: Field, grid: Grid) -> tuple[Array, Array]
     u, v = field.displacement(rows=True)
     at_x = np.ascontiguousarray(np.arange(width) + u, dtype=np.float32)
     at_y = np.ascontiguousarray(np.arange(height)[:, None] + v, dtype=np.float32)
-    found, known = np.zeros((2, len(ys), len(xs)), dtype=np.float32), np.zeros((len(ys), len(xs)), dtype=np.float32)
+    confirmed, searched = np.zeros((2, len(ys), len(xs)), dtype=np.float32), np.zeros((len(ys), len(xs)), dtype=np.float32)
     for k, band in enumerate((FINE, COARSE)):
         a = band_pass(f, band)
         b, _, _, inside = sample(images.coefficients(band_pass(g, band)), at_x, at_y)
@@ -55,19 +55,19 @@ def support(f: Image, g: Image, field: Field, grid: Grid) -> tuple[Array, Array]
                 outer = np.s_[y - edge + 1 : y + edge, x - edge + 1 : x + edge]
                 if not inside[outer].all():
                     continue
-                known[j, i] = 1.0
+                searched[j, i] = 1.0
                 block = np.s_[y - BLOCK_PX // 2 : y + BLOCK_PX // 2 + 1, x - BLOCK_PX // 2 : x + BLOCK_PX // 2 + 1]
                 at = peak_of(b[outer], a[block])
-                found[k, j, i] = at is not None and np.hypot(at[0] - REACH_PX, at[1] - REACH_PX) <= AGREEMENT_PX
+                confirmed[k, j, i] = at is not None and np.hypot(at[0] - REACH_PX, at[1] - REACH_PX) <= AGREEMENT_PX
     sd = max(0.25 * grid.subset_px / step, 0.5)
-    weight = smoothed(known, sd, cv2.BORDER_CONSTANT)
+    weight = smoothed(searched, sd, cv2.BORDER_CONSTANT)
     rows, columns = np.clip(grid.y_px, ys[0], ys[-1]), np.clip(grid.x_px, xs[0], xs[-1])
     mesh = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
 
     def at_points(values: NDArray) -> Array:
         return np.asarray(RegularGridInterpolator((ys, xs), values.astype(np.float64))(mesh), dtype=np.float64)
 
-    share = np.stack([at_points(smoothed(part * known, sd, cv2.BORDER_CONSTANT) / np.maximum(weight, 1e-6)) for part in found])
+    share = np.stack([at_points(smoothed(part * searched, sd, cv2.BORDER_CONSTANT) / np.maximum(weight, 1e-6)) for part in confirmed])
     return share, at_points((weight > 1e-3).astype(np.float32))
 
 

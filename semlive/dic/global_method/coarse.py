@@ -117,10 +117,10 @@ def _match(f: Image, g: Image, shift: tuple[int, int], step: int) -> Array:
     out = []
     for y in range(max(0, -sy), min(height, height - sy) - BLOCK_PX + 1, step):
         for x in range(max(0, -sx), min(width, width - sx) - BLOCK_PX + 1, step):
-            top, left = max(0, y + sy - SEARCH_PX), max(0, x + sx - SEARCH_PX)
-            window = g[top : y + sy + BLOCK_PX + SEARCH_PX, left : x + sx + BLOCK_PX + SEARCH_PX]
+            top, first_column = max(0, y + sy - SEARCH_PX), max(0, x + sx - SEARCH_PX)
+            window = g[top : y + sy + BLOCK_PX + SEARCH_PX, first_column : x + sx + BLOCK_PX + SEARCH_PX]
             found = peak_of(window, f[y : y + BLOCK_PX, x : x + BLOCK_PX])
-            u, v = (np.nan, np.nan) if found is None else (left + found[0] - x, top + found[1] - y)
+            u, v = (np.nan, np.nan) if found is None else (first_column + found[0] - x, top + found[1] - y)
             out.append((x + 0.5 * (BLOCK_PX - 1), y + 0.5 * (BLOCK_PX - 1), u, v))
     return np.array(out, dtype=np.float64).reshape(-1, 4)
 

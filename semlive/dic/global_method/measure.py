@@ -108,18 +108,7 @@ def _measure(
     scatter_u, scatter_v = _scatter(forward, grid)
     sigma_u, sigma_v = np.sqrt(covariance[..., 0, 0] + scatter_u), np.sqrt(covariance[..., 1, 1] + scatter_v)
     zncc = _subset_zncc(solution, grid)
-    bands, known = support(f, g, solution.field, grid)
-    closure = round_trip(solution.field, backward.solution.field, grid)
-
-    sigma = np.hypot(sigma_u, sigma_v)
-    both = np.min(bands, axis=0) >= MIN_SUPPORT
-    returned = closure <= ROUND_TRIP_PX + ROUND_TRIP_SIGMAS * sigma
-    agree = both | (returned & (np.max(bands, axis=0) >= MIN_SUPPORT))
-    pixels = subset_sum(solution.used, grid)
-    status = np.full(grid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
-    status[~agree] = PoiStatus.INCONSISTENT
-    status[~(np.maximum(sigma_u, sigma_v) <= MAX_SIGMA_PX)] = PoiStatus.LOW_CONTRAST
-    status[(pixels < min_valid_fraction * grid.subset_px**2) | (known < 0.5)] = PoiStatus.OUTSIDE_IMAGE
+    status = _status(f, g, forward.solution, backward.solution, grid, sigma_u, sigma_v, min_valid_fraction)
     status[masked] = PoiStatus.MASKED
     valid = status == PoiStatus.CONVERGED
 
@@ -140,6 +129,23 @@ def _measure(
         iterations=np.zeros(grid.shape, dtype=np.int32),
         neighbour_share=where_valid(share),
     )
+
+
+def _status(
+    f: Image, g: Image, forward: Solution, backward: Solution, grid: Grid, sigma_u: Array, sigma_v: Array, min_valid_fraction: float
+) -> NDArray[np.uint8]:
+    """(ny, nx) status: CONVERGED where both bands confirm the field, or one band and the reversed field."""
+    bands, inside = support(f, g, forward.field, grid)
+    closure = round_trip(forward.field, backward.field, grid)
+    both = np.min(bands, axis=0) >= MIN_SUPPORT
+    returned = closure <= ROUND_TRIP_PX + ROUND_TRIP_SIGMAS * np.hypot(sigma_u, sigma_v)
+    agree = both | (returned & (np.max(bands, axis=0) >= MIN_SUPPORT))
+    pixels = subset_sum(forward.used, grid)
+    status = np.full(grid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
+    status[~agree] = PoiStatus.INCONSISTENT
+    status[~(np.maximum(sigma_u, sigma_v) <= MAX_SIGMA_PX)] = PoiStatus.LOW_CONTRAST
+    status[(pixels < min_valid_fraction * grid.subset_px**2) | (inside < 0.5)] = PoiStatus.OUTSIDE_IMAGE
+    return status
 
 
 def _to_contrast_of(f: Image, g: Image) -> Image:

@@ -87,6 +87,21 @@ def assemble(
     field_right -= np.einsum("yj,yak,ya->jk", by, reduced, reduced_right, optimize=True).reshape(ny, 2, nx).transpose(1, 0, 2)
 
     n, m = ny // 3, 6 * nx
+    blocks = _field_blocks(lattice, products, reduced)
+    right = field_right.reshape(2, n, 3, nx).transpose(1, 0, 2, 3).reshape(n, m)
+    return Equations(blocks[:, 0], blocks[:-1, 1], right, matrix, row_right, coupling)
+
+
+def _field_blocks(lattice: Lattice, products: dict[tuple[int, int], Array], reduced: Array) -> Array:
+    """(n, 2, m, m) diagonal and next blocks of the matrix of the field, after elimination of the unknowns of the rows.
+
+    Args:
+        lattice: control points; three rows of them form a block.
+        products: (4, height, nx) weighted products of the derivatives with neighbouring splines, by components.
+        reduced: (height, ROW_UNKNOWNS, 2 nx) coupling of the rows, multiplied by the factor of the inverse of their matrix.
+    """
+    (ny, nx), height, by = lattice.counts, lattice.shape[0], lattice.rows
+    n, m = ny // 3, 6 * nx
     blocks = np.zeros((n + 1, 2, 2, 3, nx, 2, 3, nx))  # block row, own or next, component, row, column, ...
     spacing = lattice.spacing_px
     for j in range(ny):
@@ -113,9 +128,7 @@ def assemble(
                     blocks[k, 0, :, p2, :, :, p, :] = part.transpose(2, 3, 0, 1)
             else:
                 blocks[k, 1, :, p, :, :, p2, :] = part
-    blocks = blocks[:n].reshape(n, 2, m, m)
-    right = field_right.reshape(2, n, 3, nx).transpose(1, 0, 2, 3).reshape(n, m)
-    return Equations(blocks[:, 0], blocks[:-1, 1], right, matrix, row_right, coupling)
+    return blocks[:n].reshape(n, 2, m, m)
 
 
 def _banded(sums: Array, n: int) -> Array:

@@ -186,7 +186,7 @@ def _step(field: Field, equations: Equations, used: Image) -> tuple[Field, block
         degrees = max(ny * nx - 3 - present_value * float(trace), 1e-3)
         smoothness[k] = np.clip(degrees / max(energy, 1e-12), present_value / SMOOTHNESS_STEP, present_value * SMOOTHNESS_STEP)
     rows = field.row_shift_px + row_step[:, 2:]
-    seen = used.sum(axis=1) > 0.1 * used.shape[1]
-    variance = np.mean((rows**2 + row_posterior[:, 2:])[seen], axis=0) if seen.any() else field.row_variance_px2
+    visible = used.sum(axis=1) > 0.1 * used.shape[1]
+    variance = np.mean((rows**2 + row_posterior[:, 2:])[visible], axis=0) if visible.any() else field.row_variance_px2
     next_field = Field(lattice, control, rows, np.clip(smoothness, *SMOOTHNESS_RANGE), np.clip(variance, *ROW_VARIANCE_RANGE))
     return next_field, factor, largest

@@ -21,7 +21,7 @@ SETTINGS = DicSettings(subset_px=31, step_px=12, roi_px=None)
 
 
 @pytest.fixture(scope="session")
-def real() -> Path:
+def real_samples() -> Path:
     folder = os.environ.get("SEMLIVE_REAL")
     if not folder:
         pytest.skip("SEMLIVE_REAL does not name the folder of real raster pairs")
@@ -153,10 +153,10 @@ def test_block_tridiagonal_solution_inverse_and_draws():
     ("first", "second", "area"),
     [("PZT_thick0004", "PZT_thick0006", 0.9), ("Cs50MA50approx_0044", "Cs50MA50approx_0045", 0.9)],
 )
-def test_real_raster(real, first, second, area):
-    images = [cv2.imread(str(real / f"{name}.png"), cv2.IMREAD_UNCHANGED) for name in (first, second)]
+def test_real_raster(real_samples, first, second, area):
+    images = [cv2.imread(str(real_samples / f"{name}.png"), cv2.IMREAD_UNCHANGED) for name in (first, second)]
     m = dic.match(images[0], images[1], settings=DicSettings(step_px=6, roi_px=None))
-    x, y, u, v, _ = np.genfromtxt(real / f"{first}__{second}.csv", delimiter=",", skip_header=1).T
+    x, y, u, v, _ = np.genfromtxt(real_samples / f"{first}__{second}.csv", delimiter=",", skip_header=1).T
     i = np.round((x - m.grid.x0_px) / m.grid.step_px).astype(int).clip(0, m.grid.nx - 1)
     j = np.round((y - m.grid.y0_px) / m.grid.step_px).astype(int).clip(0, m.grid.ny - 1)
     valid = m.valid[j, i]
