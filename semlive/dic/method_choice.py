@@ -12,17 +12,19 @@ from semlive.dic.reference import Reference
 
 MIN_MEASURED_FRACTION = 0.5  # of the points with contrast that both frames show; below, the global method is used
 # Speckle gives more than 0.9 of them, six pairs of atomic force microscopes and SEM 0.00 to 0.44.
+MIN_CONTRAST_FRACTION = 0.05  # of the points that both frames show; below, the texture is too weak for subsets everywhere
 MAX_AMBIGUOUS_FRACTION = 0.9  # of these points; above, the pattern repeats everywhere, and no method determines the motion
-NOT_MEASURABLE = np.zeros(256, dtype=np.bool_)  # by status: no method measures the point, or too few of its pixels are known
-NOT_MEASURABLE[[PoiStatus.OUTSIDE_IMAGE, PoiStatus.LOW_CONTRAST, PoiStatus.MASKED]] = True
 
 
 def too_few_measured(disparity: DisparityMap) -> bool:
-    """Whether subsets measured fewer than MIN_MEASURED_FRACTION of the points that have contrast and lie in both frames."""
-    measurable = int(np.count_nonzero(~NOT_MEASURABLE[disparity.status]))
-    ambiguous = int(np.count_nonzero(disparity.status == PoiStatus.AMBIGUOUS))
-    few = int(np.count_nonzero(disparity.valid)) < MIN_MEASURED_FRACTION * measurable
-    return few and ambiguous <= MAX_AMBIGUOUS_FRACTION * measurable
+    """Whether subsets measured too few of the points that lie in both frames: of those with contrast, or hardly any has contrast."""
+    status = disparity.status
+    shown = (status != PoiStatus.OUTSIDE_IMAGE) & (status != PoiStatus.MASKED)
+    points = int(np.count_nonzero(shown))
+    with_contrast = points - int(np.count_nonzero(status == PoiStatus.LOW_CONTRAST))
+    ambiguous = int(np.count_nonzero(status == PoiStatus.AMBIGUOUS))
+    few = int(np.count_nonzero(disparity.valid)) < MIN_MEASURED_FRACTION * with_contrast
+    return (few and ambiguous <= MAX_AMBIGUOUS_FRACTION * with_contrast) or with_contrast < MIN_CONTRAST_FRACTION * points
 
 
 def measure_globally(

@@ -100,7 +100,8 @@ def _frame_shift(f: Image, g: Image, limit: float | None) -> tuple[tuple[int, in
     if limit is not None:
         lags = [np.abs(fft.fftfreq(n, 1.0 / n)) for n in size]
         usable &= (lags[0][:, None] <= limit + 1.0) & (lags[1] <= limit + 1.0)
-    score = np.where(usable, covariance / np.sqrt(np.maximum(variances[0] * variances[1], smallest**2)), -1.0)
+    score = np.full(size, -1.0)
+    score[usable] = covariance[usable] / np.sqrt(variances[0][usable] * variances[1][usable])
     peaks: list[tuple[int, int, float]] = []
     for _ in range(2):
         y, x = divmod(int(np.argmax(score)), size[1])
