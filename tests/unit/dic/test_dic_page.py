@@ -21,7 +21,7 @@ def test_examples_run_as_they_stand(lab, tmp_path, monkeypatch):
         cv2.imwrite(name, lab.expose(128.0 + 39.0 * texture / texture.std(), 2.0, number))
     names: dict[str, object] = {}
     blocks = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
     for block in blocks:
         exec(compile(block, str(PAGE), "exec"), names)
     found = names["found"]
