@@ -64,7 +64,7 @@ def decode_map(payload: bytes) -> DisparityMap:
     """Return a disparity map from bytes.
 
     Raises:
-        BadLog: the bytes are no disparity map of a share_valid version.
+        BadLog: the bytes are no disparity map of a known version.
     """
     (reference, current), grid, fields, status = _decode(_MAP, payload)
     u, v, sigma_u, sigma_v, zncc, *additional = fields
@@ -81,7 +81,7 @@ def decode_displacement(payload: bytes) -> Displacement:
     """Return a corrected displacement field from bytes.
 
     Raises:
-        BadLog: the bytes are no displacement field of a share_valid version.
+        BadLog: the bytes are no displacement field of a known version.
     """
     (frame, _), grid, fields, valid = _decode(_DISPLACEMENT, payload)
     u, v, sigma_u, sigma_v = map(_read_only, fields)
@@ -97,7 +97,7 @@ def decode_strain(payload: bytes) -> StrainField:
     """Return a corrected strain field from bytes.
 
     Raises:
-        BadLog: the bytes are no strain field of a share_valid version.
+        BadLog: the bytes are no strain field of a known version.
     """
     (frame, window_points), grid, fields, valid = _decode(_STRAIN, payload)
     exx, eyy, exy = map(_read_only, fields)
@@ -125,8 +125,8 @@ def _decode(kind: _Kind, payload: bytes) -> tuple[tuple[int, int], Grid, list[ND
     if magic != kind.magic or version != _VERSION:
         raise BadLog(f"{kind.topic}: no {kind.name} of version {_VERSION}; read this log with the version of semlive that wrote it.")
     points, size, count = nx * ny, np.dtype(kind.number).itemsize, kind.fields + additional
-    share_valid = additional <= kind.additional
-    if nx < 1 or ny < 1 or points > _MAX_POINTS or not share_valid or len(payload) != _HEAD.size + points * (size * count + 1):
+    fields_allowed = additional <= kind.additional
+    if nx < 1 or ny < 1 or points > _MAX_POINTS or not fields_allowed or len(payload) != _HEAD.size + points * (size * count + 1):
         raise BadLog(f"{kind.topic}: {len(payload)} bytes do not hold {nx} x {ny} points; recompute from the images.")
     packed = np.frombuffer(payload, kind.number, count * points, _HEAD.size).reshape(count, ny, nx)
     marks = np.frombuffer(payload, np.uint8, points, _HEAD.size + size * count * points).reshape(ny, nx)
