@@ -14,7 +14,7 @@ from semlive.errors import BadInput
 
 HEIGHT, WIDTH = 220, 280
 MARGIN = 110  # of the pattern around the frame
-SETTINGS = dic.DicSettings(step_px=20, roi_px=None)
+SETTINGS = dic.DicSettings(step_px=20, roi_px=None, method="subset")
 
 
 def pattern(seed=0, spot_px=2.2):
@@ -91,7 +91,7 @@ def test_cause_in_the_reference_or_the_settings():
         (dots, SETTINGS, NoPointsCause.PERIODIC, "repeats"),
         (
             frame(pattern(), x=40),
-            dic.DicSettings(step_px=20, roi_px=None, search_px=10.0),
+            dic.DicSettings(step_px=20, roi_px=None, search_px=10.0, method="subset"),
             NoPointsCause.OUT_OF_RANGE,
             "search range of 10",
         ),
@@ -166,3 +166,13 @@ def test_contrast_and_saturation_are_judged_against_the_scale_of_the_data():
     assert any("of the pixels are saturated" in text for text in q.warnings)
     faint = np.clip(np.round(2500 + 100 * grey + 2 * noise), 0, 4095).astype(np.uint16)
     assert any("at least 161 are needed" in text for text in dic.quality(faint, settings=SETTINGS).warnings)
+
+
+@pytest.mark.parametrize(("current", "u_px", "v_px"), [("moved too far", 110, -110), ("noise", 0, 0)])
+def test_the_method_auto_measures_where_subsets_find_no_point(current, u_px, v_px):
+    disparity = dic.match(REFERENCE, np.ascontiguousarray(CASES[current][0]), settings=dic.DicSettings(step_px=20, roi_px=None))
+    valid = disparity.valid
+    assert disparity.method == "global"
+    assert valid.mean() > 0.2
+    assert np.abs(disparity.u_px[valid] - u_px).max() < 0.5
+    assert np.abs(disparity.v_px[valid] - v_px).max() < 0.5
