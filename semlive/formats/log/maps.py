@@ -132,7 +132,8 @@ def _decode(kind: _Kind, payload: bytes) -> tuple[tuple[int, int], Grid, list[ND
     marks = np.frombuffer(payload, np.uint8, points, _HEAD.size + size * count * points).reshape(ny, nx)
     if marks.max() > kind.largest_byte:
         raise BadLog(f"{kind.topic}: a point has an unknown status; read this log with the version of semlive that wrote it.")
-    fields = [field.astype(np.float64) for field in packed]
+    with np.errstate(invalid="ignore"):  # a damaged float32 may be a signalling NaN
+        fields = [field.astype(np.float64) for field in packed]
     return (first, second), Grid(x0, y0, step, nx, ny, subset), fields, marks.copy()
 
 
