@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from semlive.cli.after_run.forecast_table import forecast_table
+from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
 from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis
@@ -39,6 +40,9 @@ def diagnose(
 ) -> None:
     """Find where model and data disagree, identify the missing effect, and show how much of the gap it closes."""
     single_arena()
+    for path, option in ((out, "--out"), (page, "--html")):
+        if path is not None:
+            output_file(path, option)
     parent = model_of(log) if model is None else compatible_model(log, model)
     with multi_stage_progress() as progress:
         diagnosis = diagnose_log(log, seed, progress, parent.effect_model.effects)
@@ -51,7 +55,7 @@ def diagnose(
             ("seed", str(seed)),
             ("semlive", version("semlive")),
         ]
-        page.write_text(diagnosis_html(log.name, diagnosis, made_from), encoding="utf-8")
+        write_text(page, diagnosis_html(log.name, diagnosis, made_from))
     if as_json:
         typer.echo(json.dumps(diagnosis_json(diagnosis)))
         return

@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from semlive.cli.after_run.forecast_table import forecast_table
+from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
 from semlive.data.diagnosis.verdict import ExperimentForecast
@@ -63,6 +64,8 @@ def propose(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Diagnose a run, and write the experiment that decides between the possible effects as a configuration for `semlive run`."""
+    if out is not None:
+        output_file(out, "--out")
     outcome, proposal, menu = None, None, tuple[ExperimentForecast, ...]()
     if kind is not None:
         proposal = requested_proposal(kind)
@@ -74,7 +77,7 @@ def propose(
         outcome, proposal = diagnosis.outcome.value, choose_proposal(diagnosis, menu)
     config = None if proposal is None else next_config(log, proposal)
     if config is not None and out is not None:
-        out.write_text(config, encoding="utf-8")
+        write_text(out, config)
     if as_json:
         between = [] if proposal is None else list(proposal.candidates)
         experiment_json = None if proposal is None else {"kind": proposal.kind.value, "between": between, "about": proposal.description}

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from semlive.cli.after_run.replay import EstimationMethod
+from semlive.cli.shared.output_path import output_file, output_folder
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.report.export import Format, export_log
 from semlive.service.config.overrides import parse_changes
@@ -27,6 +28,7 @@ def export(
 ) -> None:
     """Write corrected displacement and strain of every frame, drift, distortion, series and configuration."""
     changes = parse_changes(settings or [])
+    (output_file if kind in (Format.HDF5, Format.MAT) else output_folder)(out, "--out")
     images = from_images or any(change.of_images for change in changes)
     source = Source.IMAGES if images else Source.DISPARITY
     with multi_stage_progress() as progress:

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from semlive.cli.after_run.replay import EstimationMethod
+from semlive.cli.shared.output_path import output_folder
 from semlive.cli.shared.progress_bar import progress_bar
 from semlive.cli.shared.terminal import cell, echo
 from semlive.errors import BadInput, SemliveError
@@ -42,6 +43,7 @@ def reanalyse(
     """Analyse several logs again; the failure of one log does not stop the others."""
     if from_images and from_disparity:
         raise BadInput("--from-images and --from-disparity: give only one of them.")
+    output_folder(out, "--out")
     source = Source.IMAGES if from_images else Source.DISPARITY if from_disparity else None
     changes = parse_changes(settings or [])
     requests = [ReplayRequest(log.absolute(), method.value if method else None, changes, source) for log in logs]

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from semlive.cli.shared.output_path import output_file, output_folder, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress, progress_bar
 from semlive.errors import BadInput
 from semlive.report.page import report_html, unanalysed_html
@@ -27,17 +28,19 @@ def report(
     ] = None,
 ) -> None:
     """Write a run as one page: figures as in the paper of the method, uncertainty budget, rejected frames, settings, versions."""
-    page = out or sibling_path(log, "-report.html")
+    page = output_file(out or sibling_path(log, "-report.html"), "--out")
+    if pictures is not None:
+        output_folder(pictures, "--figures")
     try:
         with multi_stage_progress() as progress:
             result, settings = result_from_maps(log, ReplayCallbacks(progress))
     except BadInput as error:
         # A run that ended with an alarm before its first pair has no results; its page shows the alarms.
-        page.write_text(unanalysed_html(log_name(log), str(error), log_facts(log)), encoding="utf-8")
+        write_text(page, unanalysed_html(log_name(log), str(error), log_facts(log)))
         raise BadInput(f"{str(error).rstrip('.')}; its alarms and rejected frames are in {page}") from error
     series = load_series(log)
     with progress_bar("drawing", "figure") as drawing:
-        page.write_text(report_html(log_name(log), result, series, settings, log_facts(log), drawing), encoding="utf-8")
+        write_text(page, report_html(log_name(log), result, series, settings, log_facts(log), drawing))
     typer.echo(str(page))
     if pictures is not None:
         with progress_bar("writing", "figure") as writing:

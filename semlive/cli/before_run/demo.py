@@ -14,6 +14,7 @@ import typer
 import yaml
 from rich.console import Console
 
+from semlive.cli.shared.output_path import output_folder, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress, progress_bar
 from semlive.cli.shared.simulator import running_simulator
 from semlive.cli.shared.tables import result_table, score_table
@@ -37,6 +38,7 @@ def demo(
     """Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth."""
     began, console = time.monotonic(), Console()
     folder = (out or Path("runs") / f"demo-{datetime.datetime.now(datetime.UTC):%Y%m%d-%H%M%S}").resolve()
+    output_folder(folder, "--out")
     if folder.exists() and any(folder.iterdir()):
         raise BadInput(f"{folder}: the folder is not empty; give --out a new folder")
     console.print(f"starting the simulated microscope, load frame and stage; everything goes to {folder}")
@@ -104,7 +106,7 @@ def _show(console: Console, folder: Path, truth_file: Path) -> None:
     scores = score(result, truth)
     page = folder / "report.html"
     with progress_bar("drawing", "figure") as drawing:
-        page.write_text(report_html("demo", result, load_series(log), settings, log_facts(log), drawing), encoding="utf-8")
+        write_text(page, report_html("demo", result, load_series(log), settings, log_facts(log), drawing))
     (folder / "score.json").write_text(json.dumps({quantity.name: quantity.to_json() for quantity in scores}, indent=1), encoding="utf-8")
     console.print(result_table(result))
     console.print(score_table(scores))

@@ -8,6 +8,8 @@ from typing import Annotated, get_args
 
 import typer
 
+from semlive.cli.shared.output_path import output_file, write_text
+from semlive.cli.shared.terminal import echo
 from semlive.errors import BadConfig
 from semlive.inputs.yaml_text import read_yaml
 from semlive.service.config.configuration import checked_text
@@ -53,36 +55,42 @@ def init(
     if out.exists() and not force:
         raise BadConfig(f"{out}: the file exists; give another name, or --force to overwrite it")
     options = locals()
+    output_file(out, "FILE")
     given = {key: options[key] for key in _QUESTIONS if options[key] is not None}
-    answers = _answered(LAB_PRESETS[lab], given, ask=not yes)
-    text = configuration_text(answers)
-    checked_text(read_yaml(text, str(out)), str(out))  # the written configuration is valid
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(text, encoding="utf-8")
+    answers = _changed(LAB_PRESETS[lab], given, str(out))
+    if not yes:
+        answers = _answered(answers, frozenset(given), str(out))
+    write_text(out, configuration_text(answers))
     typer.echo(f"wrote {out}; next: semlive doctor {out}, then semlive plan {out} --test-frame FILE")
 
 
-def _answered(usual: LabSetup, given: dict[str, object], *, ask: bool) -> LabSetup:
-    """Answers of the operator.
-
-    Args:
-        usual: default answers.
-        given: answers from options.
-        ask: prompt for the other answers.
-
-    Raises:
-        BadConfig: an answer is not valid.
-    """
-    answers = dataclasses.replace(usual, **given)  # type: ignore[arg-type]  (checked below)
-    for key, question in _QUESTIONS.items() if ask else ():
+def _answered(answers: LabSetup, given: frozenset[str], file: str) -> LabSetup:
+    """Ask for the answers that no option gives; a question is repeated until its answer is valid, and no other answer is lost."""
+    for key, question in _QUESTIONS.items():
         if key in given or (key in ("address", "area_mm2", "max_load_n", "load_steps") and answers.frame == "none"):
             continue
-        before = getattr(answers, key)
-        answers = dataclasses.replace(answers, **{key: typer.prompt(question, default=before, type=type(before))})
-    for key, allowed in (("vendor", get_args(Vendor)), ("frame", get_args(FrameKind)), ("loading_axis", ("x", "y"))):
-        if getattr(answers, key) not in allowed:
-            raise BadConfig(f"{key} {getattr(answers, key)}: no such choice; give one of {', '.join(allowed)}")
-    for key in ("pixel_size_um", "area_mm2", "max_load_n"):
-        if not getattr(answers, key) > 0:
-            raise BadConfig(f"{key} must be more than 0, not {getattr(answers, key)}")
+        usual = getattr(answers, key)
+        while True:
+            try:
+                answers = _changed(answers, {key: typer.prompt(question, default=usual, type=type(usual))}, file)
+                break
+            except BadConfig as error:
+                echo(f"{error}; the other answers are kept", err=True)
     return answers
+
+
+def _changed(answers: LabSetup, values: dict[str, object], file: str) -> LabSetup:
+    """Answers with other values.
+
+    Raises:
+        BadConfig: a value is not valid, or the configuration made from the answers is not.
+    """
+    changed = dataclasses.replace(answers, **values)  # type: ignore[arg-type]  (checked below)
+    for key, allowed in (("vendor", get_args(Vendor)), ("frame", get_args(FrameKind)), ("loading_axis", ("x", "y"))):
+        if getattr(changed, key) not in allowed:
+            raise BadConfig(f"{key} {getattr(changed, key)}: no such choice; give one of {', '.join(allowed)}")
+    for key in ("pixel_size_um", "area_mm2", "max_load_n"):
+        if not getattr(changed, key) > 0:
+            raise BadConfig(f"{key} must be more than 0, not {getattr(changed, key)}")
+    checked_text(read_yaml(configuration_text(changed), file), file)
+    return changed

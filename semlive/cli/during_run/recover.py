@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from semlive.cli.shared.output_path import output_folder
 from semlive.cli.shared.progress_bar import progress_bar
 from semlive.cli.shared.terminal import echo
 from semlive.service.log.repair import Damage, RepairSummary, recover_log
@@ -27,6 +28,8 @@ def recover(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Repair a truncated or damaged log: keep every complete message, write an index, and list what was lost."""
+    if out is not None:
+        output_folder(out.parent, "--out")
     with progress_bar("recovering", "MB") as progress:
         recovered = recover_log(log, out, lambda done, size: progress(done >> 20, size >> 20))
     if as_json:

@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from semlive.cli.shared.output_path import output_folder
 from semlive.cli.shared.simulator import simulator_module
 from semlive.errors import BadInput, SemliveError
 from semlive.service.diagnosis.model_scenario import scenario_yaml
@@ -25,6 +26,7 @@ def simulate(
     model: Annotated[Path | None, typer.Option("--from", help="Model whose effects are simulated too, as `diagnose -o` writes it.")] = None,
 ) -> None:
     """Simulate the experiment of a scenario without the daemon, and write the files that the microscope would export."""
+    output_folder(out, "--out")
     if model is not None:
         with tempfile.TemporaryDirectory(prefix="semlive-") as folder:
             extended = Path(folder) / "scenario.yaml"

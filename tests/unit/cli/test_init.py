@@ -79,6 +79,22 @@ def test_answers_are_asked_for_and_taken(tmp_path: Path) -> None:
     assert (config.specimen.name, config.protocol.loads_n) == ("foil", [])
 
 
+def test_a_wrong_answer_is_asked_for_again_and_no_other_answer_is_lost(tmp_path: Path) -> None:
+    typed = "two words\ntried\n\ncanon\ntescan\n-1\n0.5\nmagnet\nnone\nfoil\nz\ny\n"
+    done = written(tmp_path, typed=typed)
+    assert done.exit_code == 0, done.output
+    config = load_config(tmp_path / "run.yaml")
+    assert (config.run.name, config.sem.vendor, config.sem.pixel_size_um, config.load_frame) == ("tried", "tescan", 0.5, None)
+    for reason in (
+        "two words",
+        "vendor canon: no such choice",
+        "pixel_size_um must be more than 0",
+        "frame magnet: no such choice",
+        "loading_axis z",
+    ):
+        assert reason in done.output
+
+
 def test_options_are_not_asked_again(tmp_path: Path) -> None:
     done = written(tmp_path, "--yes", "--max-load-n", "500", "--load-steps", "3", "--loading-axis", "x")
     assert done.exit_code == 0, done.output

@@ -1,0 +1,78 @@
+"""Output files and folders of commands: checked before the work begins, written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+from semlive.errors import BadInput, SemliveError
+
+_PARTIAL_SUFFIX = ".part"
+_KERNEL_FOLDERS = frozenset(("proc", "sys"))
+"""Folders of the kernel on Linux; root seems to have the right to write there."""
+
+
+def output_file(path: Path, option: str) -> Path:
+    """Make the folder of an output file and check that the file can be written.
+
+    An existing file stays as it is. A device such as `/dev/stdout` is accepted.
+
+    Args:
+        path: the file.
+        option: option or argument that gives it, for messages.
+
+    Returns:
+        The path.
+
+    Raises:
+        BadInput: it is a folder, its folder cannot be made, or it cannot be written.
+    """
+    if path.is_dir():
+        raise BadInput(f"{option} {path}: is a folder; give the name of a file")
+    if path.exists():
+        if not os.access(path, os.W_OK):
+            raise BadInput(f"{option} {path}: the file cannot be overwritten; give another name")
+        return path
+    output_folder(path.parent, option).mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def output_folder(path: Path, option: str) -> Path:
+    """Check that a folder can be made, or that files can be made in it; nothing is made.
+
+    Args:
+        path: the folder.
+        option: option or argument that gives it, for messages.
+
+    Returns:
+        The path.
+
+    Raises:
+        BadInput: the path, or the part of it that exists, is a file or a folder in which no file can be made.
+    """
+    existing = next(part for part in (path.absolute(), *path.absolute().parents) if os.path.lexists(part))
+    if not existing.is_dir():
+        raise BadInput(f"{option} {path}: {existing} is a file; give the path of a folder")
+    if _KERNEL_FOLDERS.intersection(existing.parts[1:2]) or not os.access(existing, os.W_OK | os.X_OK):
+        raise BadInput(f"{option} {path}: no file can be made in {existing}; give a path that can be written")
+    return path
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in UTF-8; a regular file is replaced at once, so that no half-written file remains.
+
+    Raises:
+        SemliveError: it cannot be written.
+    """
+    part = path.with_name(path.name + _PARTIAL_SUFFIX)
+    try:
+        if path.exists() and not path.is_file():
+            path.write_text(text, encoding="utf-8")
+            return
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise SemliveError(f"{path}: cannot be written ({error.strerror}); make room, or give another path") from error
