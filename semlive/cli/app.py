@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import threading
@@ -17,6 +18,11 @@ _HELP = """Live drift- and distortion-corrected strain measurement inside a scan
 
 First steps: semlive demo runs a complete simulated experiment. At an instrument: semlive init writes a configuration, semlive doctor checks whether everything is in place, semlive plan shows the experiment before it is run, semlive run runs it."""  # noqa: E501
 _EPILOG = "semlive COMMAND --help describes a command and its options; semlive --install-completion installs completion by the tab key."
+
+_PATH_ERRORS = frozenset(
+    (errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG)
+)
+"""Errors of the operating system whose cause is a path or a disk of the user."""
 
 PANEL_SETUP, PANEL_RUN, PANEL_ANALYSIS, PANEL_TOOLS = "Before a run", "A run", "After a run", "Without a run"
 COMMANDS = (
@@ -170,6 +176,8 @@ def run_app() -> int:
 
 
 def _unexpected(error: BaseException | None) -> str:
+    if isinstance(error, OSError) and error.errno in _PATH_ERRORS and error.filename is not None:
+        return f"{printable(str(error.filename))}: {error.strerror}; make room or change the rights, or give another path"
     message = printable(" ".join(str(error).split()))
     return (
         f"semlive itself failed ({type(error).__name__}: {message}); set SEMLIVE_TRACEBACK=1 and run it again to see where, and report it"

@@ -157,7 +157,14 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(played: Path, t
 
 
 def test_chosen_frames_are_those_of_the_whole_experiment(played: Path, tmp_path: Path) -> None:
-    assert semlive(scenario_file(tmp_path), "--out", tmp_path / "some", "--frames", "3,8-9")[0] == 0
+    code, out, err = semlive(scenario_file(tmp_path), "--out", tmp_path / "some", "--frames", "3,8-9", "--json")
+    assert code == 0, err
+    assert json.loads(out) == {
+        "frames": 3,
+        "export": str(tmp_path / "some" / "export"),
+        "truth": str(tmp_path / "some" / "truth.json"),
+        "table": str(tmp_path / "some" / "frames.csv"),
+    }
     whole, some = contents(played / "export"), contents(tmp_path / "some" / "export")
     assert sorted(some) == ["x200_0004.tif", "x200_0009.tif", "x200_0010.tif"]
     assert all(whole[name] == some[name] for name in some)

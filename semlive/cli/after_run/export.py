@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -25,6 +26,7 @@ def export(
     settings: Annotated[list[str] | None, typer.Option("--set", help="key=value, as in estimate.window=15; may be repeated.")] = None,
     from_images: Annotated[bool, typer.Option("--from-images", help="Correlate the images again.")] = False,
     until: Annotated[int | None, typer.Option(help="Number of the last pair to use.", min=0)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Write corrected displacement and strain of every frame, drift, distortion, series and configuration."""
     changes = parse_changes(settings or [])
@@ -33,4 +35,8 @@ def export(
     source = Source.IMAGES if images else Source.DISPARITY
     with multi_stage_progress() as progress:
         replayed = export_log(ReplayRequest(log, method.value if method else None, changes, source, until), kind, out, progress)
-    typer.echo(f"{out}: {len(replayed.result.summaries)} frames")
+    frames = [summary.frame for summary in replayed.result.summaries]
+    if as_json:
+        typer.echo(json.dumps({"out": str(out), "format": kind.value, "frames": frames}))
+    else:
+        typer.echo(f"{out}: {len(frames)} frames")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -26,6 +27,7 @@ def report(
     pictures: Annotated[
         Path | None, typer.Option("--figures", help="Folder for every figure as PNG and PDF, in the width of a journal page.")
     ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Write a run as one page: figures as in the paper of the method, uncertainty budget, rejected frames, settings, versions."""
     page = output_file(out or sibling_path(log, "-report.html"), "--out")
@@ -41,8 +43,13 @@ def report(
     series = load_series(log)
     with progress_bar("drawing", "figure") as drawing:
         write_text(page, report_html(log_name(log), result, series, settings, log_facts(log), drawing))
-    typer.echo(str(page))
+    written: list[Path] = []
     if pictures is not None:
         with progress_bar("writing", "figure") as writing:
             written = write_figures(pictures, result, series, settings, writing)
+    if as_json:
+        typer.echo(json.dumps({"page": str(page), "figures": [str(path) for path in written]}))
+        return
+    typer.echo(str(page))
+    if pictures is not None:
         typer.echo(f"{len(written)} figures in {pictures}")

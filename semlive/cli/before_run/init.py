@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Annotated, get_args
 
@@ -48,6 +49,7 @@ def init(
     loading_axis: Annotated[str | None, typer.Option(help="Image axis of the load: x or y.")] = None,
     max_load_n: Annotated[float | None, typer.Option(help="Largest load, N.")] = None,
     load_steps: Annotated[int | None, typer.Option(help="Number of loads.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Write a commented configuration after a few questions."""
     if lab not in LAB_PRESETS:
@@ -61,7 +63,11 @@ def init(
     if not yes:
         answers = _answered(answers, frozenset(given), str(out))
     write_text(out, configuration_text(answers))
-    typer.echo(f"wrote {out}; next: semlive doctor {out}, then semlive plan {out} --test-frame FILE")
+    typer.echo(
+        json.dumps({"configuration": str(out)})
+        if as_json
+        else f"wrote {out}; next: semlive doctor {out}, then semlive plan {out} --test-frame FILE"
+    )
 
 
 def _answered(answers: LabSetup, given: frozenset[str], file: str) -> LabSetup:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,7 @@ def simulate(
     frames: Annotated[str | None, typer.Option(help="Frames to write, counted from 0, as in 0-3,8; by default all.")] = None,
     seed: Annotated[int | None, typer.Option(help="Random seed in place of that of the scenario.")] = None,
     model: Annotated[Path | None, typer.Option("--from", help="Model whose effects are simulated too, as `diagnose -o` writes it.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate the experiment of a scenario without the daemon, and write the files that the microscope would export."""
     output_folder(out, "--out")
@@ -31,17 +33,23 @@ def simulate(
         with tempfile.TemporaryDirectory(prefix="semlive-") as folder:
             extended = Path(folder) / "scenario.yaml"
             extended.write_text(scenario_yaml(model, _absolute(scenario)), encoding="utf-8")
-            _play(str(extended), out, frames, seed)
+            written = _play(str(extended), out, frames, seed)
             (out / extended.name).write_bytes(extended.read_bytes())
     else:
-        _play(scenario, out, frames, seed)
+        written = _play(scenario, out, frames, seed)
+    export, truth, table = out / "export", out / "truth.json", out / "frames.csv"
+    if as_json:
+        typer.echo(json.dumps({"frames": written, "export": str(export), "truth": str(truth), "table": str(table)}))
+    else:
+        typer.echo(f"{written} frames in {export}; the truth is in {truth}, the purpose of each frame in {table}")
 
 
 def _absolute(scenario: str) -> str:
     return str(Path(scenario).resolve()) if scenario.endswith((".yaml", ".yml")) else scenario
 
 
-def _play(scenario: str, out: Path, frames: str | None, seed: int | None) -> None:
+def _play(scenario: str, out: Path, frames: str | None, seed: int | None) -> int:
+    """Run the simulator; returns the number of frames written."""
     command = [sys.executable, "-m", simulator_module("frames"), "--scenario", scenario, "--out", str(out)]
     command += [] if frames is None else ["--frames", frames]
     command += [] if seed is None else ["--seed", str(seed)]
@@ -51,9 +59,7 @@ def _play(scenario: str, out: Path, frames: str | None, seed: int | None) -> Non
     if process.returncode:
         lines = errors.strip().splitlines() or [f"simulate: the simulator ended with code {process.returncode} and printed no message"]
         raise (BadInput if process.returncode == 2 else SemliveError)(lines[-1])
-    typer.echo(
-        f"{written} frames in {out / 'export'}; the truth is in {out / 'truth.json'}, the purpose of each frame in {out / 'frames.csv'}"
-    )
+    return written
 
 
 def _follow(process: subprocess.Popen[str]) -> int:

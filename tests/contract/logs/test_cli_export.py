@@ -36,9 +36,9 @@ def known(imported: Path) -> Any:
 def exported(semlive: Semlive, imported: Path, tmp_path: Path) -> Callable[[str], Path]:
     def export(kind: str) -> Path:
         out = tmp_path / f"out.{kind}"
-        code, said, err = semlive("export", str(imported), "--format", kind, "-o", str(out), "--until", "5")
+        code, said, err = semlive("export", str(imported), "--format", kind, "-o", str(out), "--until", "5", "--json")
         assert (code, err) == (0, "")
-        assert said == f"{out}: 12 frames\n"
+        assert json.loads(said) == {"out": str(out), "format": kind, "frames": list(range(12))}
         assert [path for path in tmp_path.iterdir()] == [out]
         return out
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from collections.abc import Callable
@@ -38,8 +39,8 @@ def test_a_tensile_run_has_the_papers_figures(done: ReplayResult) -> None:
 
 
 def test_the_page_tells_all_and_needs_nothing(semlive: Callable[..., tuple[int, str, str]], imported: Path, tmp_path: Path) -> None:
-    code, said, err = semlive("report", str(imported), "-o", str(tmp_path / "page.html"))
-    assert (code, said) == (0, f"{tmp_path / 'page.html'}\n"), err
+    code, said, err = semlive("report", str(imported), "-o", str(tmp_path / "page.html"), "--json")
+    assert (code, json.loads(said)) == (0, {"page": str(tmp_path / "page.html"), "figures": []}), err
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     headings = re.findall(r"<h2>(.*?)</h2>", page)
     assert {"Uncertainty budget", "Frames", "Alarms", "Refused frames", "Settings", "Versions", "False strain", "Translation path"} <= set(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -30,8 +31,9 @@ def written(folder: Path, *arguments: str, typed: str | None = None) -> Any:
 
 @pytest.mark.parametrize("lab", LAB_PRESETS)
 def test_every_kind_of_lab_can_be_run(tmp_path: Path, lab: str) -> None:
-    done = written(tmp_path, "--lab", lab, "--yes")
+    done = written(tmp_path, "--lab", lab, "--yes", "--json")
     assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == {"configuration": str(tmp_path / "run.yaml")}
     config = load_config(tmp_path / "run.yaml")
     assert len(config.plan().steps) == 12 + len(config.protocol.loads_n)
     assert config.load_frame is not None

@@ -17,14 +17,16 @@ from semlive.service.log.run_log import RunLog
 from semlive.service.runtime.clock import SystemClock
 
 FAILING = """
-import sys, threading
+import errno, sys, threading
 from semlive.cli.app import app, run_app
 
 def broken():
     raise RuntimeError("broken\\x1b[2J\\nin two lines")
 
 @app.callback()
-def fail(thread: bool = False):
+def fail(thread: bool = False, full: bool = False):
+    if full:
+        raise OSError(errno.ENOSPC, "No space left on device", "/data/page.html")
     if not thread:
         broken()
     other = threading.Thread(target=broken)
@@ -48,6 +50,10 @@ def test_an_unexpected_error_is_one_sentence(options: tuple[str, ...], code: int
     assert returned == code
     assert said.count("\n") == 1
     assert said.startswith("semlive itself failed (RuntimeError: broken\\x1b[2J in two lines); set SEMLIVE_TRACEBACK=1")
+
+
+def test_a_full_disk_is_reported_with_its_path() -> None:
+    assert failing("--full") == (1, "/data/page.html: No space left on device; make room or change the rights, or give another path\n")
 
 
 def test_the_trace_is_shown_on_request() -> None:
