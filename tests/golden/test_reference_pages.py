@@ -48,6 +48,7 @@ SECTIONS: tuple[tuple[str, type], ...] = (
     ("sem.scan_profiles", ScanSpeed),
     ("load_frame, stage, sem.trigger", sections.DriverSection),
     ("specimen", SpecimenSettings),
+    ("alerts", sections.AlertsSection),
     ("protocol", sections.ProtocolSection),
     ("protocol.warm_up", sections.WarmUpSection),
     ("protocol.adaptive_hold", sections.AdaptiveHoldSection),

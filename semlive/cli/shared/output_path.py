@@ -1,4 +1,4 @@
-"""Output files and folders of commands: checked before the work begins, written whole or not at all."""
+"""Output files and folders of commands: checked before the work begins, and replaced at once."""
 
 from __future__ import annotations
 

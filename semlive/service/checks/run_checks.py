@@ -7,6 +7,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from semlive.data.checks import Finding, Verdict
+from semlive.errors import BadConfig
+from semlive.service.alerts.targets import read_targets
 from semlive.service.checks import computer, instrument
 from semlive.service.config.configuration import Config
 from semlive.service.config.plausibility import questions
@@ -38,6 +40,7 @@ def run_checks(config: Config | None) -> Iterator[Finding]:
         yield from instrument.export_folder(config)
         yield from instrument.check_device_endpoints(config)
         yield from _unusual(config)
+        yield from _alerts(config)
         stops = stop_plan(config)
         if stops is not None:
             yield _stops(stops)
@@ -47,6 +50,19 @@ def _unusual(config: Config) -> Iterator[Finding]:
     """Implausible values; a run rejects those that the file does not confirm."""
     for question in questions(config):
         yield Finding(question.key, question.what, Verdict.UNKNOWN if question.confirmed else Verdict.FAILED, question.advice)
+
+
+def _alerts(config: Config) -> Iterator[Finding]:
+    """Whether the file with the addresses of alerts can be read; nothing is sent."""
+    if config.alerts is None:
+        return
+    try:
+        targets = read_targets(config.alerts.file)
+    except BadConfig as error:
+        yield Finding("alerts", str(error), Verdict.FAILED, "correct the section alerts or its file")
+        return
+    labels = ", ".join(target.label for target in targets)
+    yield Finding("alerts", f"{labels} of {config.alerts.file}; nothing was sent", Verdict.OK, "semlive doctor --send-alert sends a test")
 
 
 def _stops(stops: StopPlan) -> Finding:

@@ -19,6 +19,7 @@ from semlive.inputs.yaml_text import MOST_BYTES, YamlText, read_yaml
 from semlive.service.config.checks import contradictions
 from semlive.service.config.model_section import ModelSection
 from semlive.service.config.sections import (
+    AlertsSection,
     DriverSection,
     ProtocolSection,
     RunSection,
@@ -40,6 +41,8 @@ class Config(Section):
     specimen: Annotated[SpecimenSettings, BeforeValidator(lambda v: reject_unknown_keys(SpecimenSettings, v))] = SpecimenSettings()
     protocol: ProtocolSection
     limits: Annotated[Limits, BeforeValidator(lambda v: reject_unknown_keys(Limits, v))] | None = None
+    alerts: AlertsSection | None = None
+    """Alerts by webhook, e-mail or messenger; without the section none are sent."""
     dic: Annotated[DicSettings, BeforeValidator(lambda v: reject_unknown_keys(DicSettings, v))] = DicSettings()
     estimate: Annotated[EstimateSettings, BeforeValidator(lambda v: reject_unknown_keys(EstimateSettings, v))] = EstimateSettings()
     model: ModelSection | None = None
@@ -181,13 +184,14 @@ def parse_config(given: object, where: str, text: YamlText | None = None) -> Con
 
 
 def resolve_paths(config: Config, base: Path) -> Config:
-    """Return the configuration with absolute folders; relative ones refer to `base`."""
+    """Return the configuration with absolute paths; relative ones refer to `base`."""
     clock_file = config.run.clock_file
     run = config.run.model_copy(
         update={"folder": (base / config.run.folder).resolve(), "clock_file": clock_file and (base / clock_file).resolve()}
     )
     sem = config.sem.model_copy(update={"folder": (base / config.sem.folder).resolve()})
-    return config.model_copy(update={"run": run, "sem": sem})
+    alerts = config.alerts and config.alerts.model_copy(update={"file": (base / config.alerts.file).resolve()})
+    return config.model_copy(update={"run": run, "sem": sem, "alerts": alerts})
 
 
 def _at(text: YamlText, place: Place) -> str:

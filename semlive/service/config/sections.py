@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from semlive.data.alerts import AlertEvent
 from semlive.data.settings import ScanProfile, ScanSpeed
 
 
@@ -89,6 +90,15 @@ class SemSection(Section):
     def scan_profile(self) -> ScanProfile:
         """Scan profile with the scan times of all speeds."""
         return dataclasses.replace(self.profile, speeds=(*self.profile.speeds, *self.scan_profiles))
+
+
+class AlertsSection(Section):
+    """Alerts to persons who are not at the instrument."""
+
+    file: Path
+    """File with one address on each line, as Apprise writes them: `json://host/path`, `mailto://user:password@host`; relative to the configuration file. The addresses are not logged."""  # noqa: E501
+    events: tuple[AlertEvent, ...] = Field(default=tuple(AlertEvent), min_length=1)
+    """Events that are reported: a fault that stops the run or needs a person, a question, the end of the warm-up, the end of the run."""
 
 
 class WarmUpSection(Section):

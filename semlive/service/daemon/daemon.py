@@ -15,6 +15,7 @@ import os
 import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
@@ -22,6 +23,8 @@ from semlive.engine import Device, FinishRun, OperatorCommand, State, start
 from semlive.errors import BadConfig, SemliveError
 from semlive.formats.log import conversions as values
 from semlive.formats.log.messages import RunMessage
+from semlive.service.alerts.sender import AlertSender
+from semlive.service.alerts.targets import read_targets
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.config.configuration import Config
 from semlive.service.control.control import Control
@@ -94,7 +97,8 @@ class _Daemon:
 
     async def run(self) -> RunOutcome:
         """Open clock, log and control, run the experiment, and close everything."""
-        watch = self._config.watch_settings()
+        watch, alerts = self._config.watch_settings(), self._config.alerts
+        targets = () if alerts is None else read_targets(alerts.file)
         if not watch.folder.is_dir():
             raise BadConfig(f"sem.folder {watch.folder}: no such folder; create it or correct the path")
         with contextlib.ExitStack() as stack:
@@ -112,6 +116,12 @@ class _Daemon:
                 self._config.plan(), clock, journal, self._interface.observe, previous, self._interface.auto_resume
             )
             stack.callback(control.close)
+            if alerts is not None:
+                sender = AlertSender(
+                    targets, frozenset(alerts.events), self._config.run.name, partial(control.call_soon, control.monitor.on_notice)
+                )
+                stack.callback(sender.close)
+                journal.subscribe(sender.on_message)
             asyncio.get_running_loop().set_exception_handler(loop_error_handler(control, journal, clock))
             if self._signals.count:  # received before control existed
                 control.call_soon(control.operator.execute, OperatorCommand.STOP)

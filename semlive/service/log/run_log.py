@@ -38,7 +38,7 @@ from semlive.service.runtime.clock import boot_id
 class RunLog:
     """Writes events of the experiment through the recorder.
 
-    A follower receives every message as it is stored, in the order of the log, so its messages are always a beginning of the log.
+    Each follower receives every message as it is stored, in the order of the log, so its messages are always a beginning of the log.
     All methods are for one thread, that of the event loop.
 
     Attributes:
@@ -51,11 +51,11 @@ class RunLog:
         self.recorder = recorder
         self.alarms = alarms or Alarms()
         self._boot_id = boot_id()
-        self._follower: Callable[[LogMessage], None] | None = None
+        self._followers: tuple[Callable[[LogMessage], None], ...] = ()
 
     def subscribe(self, follower: Callable[[LogMessage], None]) -> None:
-        """Pass every message from now on to `follower`."""
-        self._follower = follower
+        """Pass every message from now on to `follower` too."""
+        self._followers = (*self._followers, follower)
 
     def write_message(self, payload: Payload, publish_time_ns: int | None = None) -> None:
         """Write any message."""
@@ -142,5 +142,5 @@ class RunLog:
             self.alarms = alarm_rules.after(self.alarms, payload)
         elif topic == "/fault":
             self.alarms = alarm_rules.after_message(self.alarms, message)
-        if self._follower is not None:
-            self._follower(message)
+        for follower in self._followers:
+            follower(message)

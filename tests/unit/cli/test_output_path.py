@@ -53,7 +53,6 @@ def test_the_folder_of_a_file_is_made_and_that_of_a_folder_is_not(tmp_path: Path
     assert not output_folder(tmp_path / "other" / "figures", "--out").parent.exists()
 
 
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="folders of the kernel are those of Linux")
 def test_folders_of_the_kernel_are_refused() -> None:
     with pytest.raises(BadInput, match="no file can be made in /proc"):
         output_file(Path("/proc/page.html"), "--out")

@@ -1,0 +1,59 @@
+"""Events of a run that an alert reports: a pure function of the messages of its log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pydantic import BaseModel
+
+from semlive.data.alerts import AlertEvent
+from semlive.data.faults import FaultKind
+from semlive.data.operator_prompts import PromptEvent
+from semlive.data.text import printable
+from semlive.engine import Cause, State
+from semlive.engine.states import FINAL_STATES
+from semlive.formats.log.messages import FaultMessage, OperatorMessage, StateMessage
+
+_NOT_URGENT = frozenset((FaultKind.MODEL_WARNING, FaultKind.PAIR_UNUSABLE, FaultKind.POINTS_NOT_CALIBRATED))
+"""Faults of single results: the run continues, and the page shows them."""
+_DECISIONS = {
+    Cause.POOR_CALIBRATION: "the translations do not determine the distortion; the run is paused for a decision",
+    Cause.WARM_UP_TIMEOUT: "the drift did not become slow enough in the maximum time of the warm-up; the run is paused for a decision",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Alert:
+    """What is sent.
+
+    Attributes:
+        event: kind of event.
+        title: one line.
+        text: the message.
+    """
+
+    event: AlertEvent
+    title: str
+    text: str
+
+
+def alert_of(payload: BaseModel, run: str) -> Alert | None:
+    """Return the alert about a message of the log; None if nobody needs to be called.
+
+    Args:
+        payload: a message of the log.
+        run: name of the run.
+    """
+    match payload:
+        case FaultMessage(kind=kind) if kind not in _NOT_URGENT:
+            return Alert(AlertEvent.FAULT, f"{run}: fault", printable(f"{payload.what} ({payload.where}). Reaction: {payload.action}."))
+        case OperatorMessage(what=PromptEvent.PROMPT):
+            return Alert(AlertEvent.QUESTION, f"{run}: question", printable(str(payload.args.get("text", ""))))
+        case StateMessage(cause=cause) if cause in _DECISIONS:
+            return Alert(AlertEvent.QUESTION, f"{run}: decision needed", _DECISIONS[Cause(cause)])
+        case StateMessage(cause=Cause.WARMED_UP):
+            return Alert(AlertEvent.WARM_UP, f"{run}: warm-up complete", "the drift is slow enough; the first load follows")
+        case StateMessage(after=after) if after in FINAL_STATES:
+            text = "all steps are done" if after == State.COMPLETE else "the run ended before its last step"
+            return Alert(AlertEvent.END, f"{run}: {after}", f"{text}; load and position are held")
+    return None
