@@ -11,9 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import tifffile
 from typer.testing import CliRunner
 
+import semlive
 from semlive.cli.app import app
 from semlive.service.log.files import messages
 
@@ -65,6 +68,14 @@ def test_the_short_demo_runs_to_its_table(demo: Demo) -> None:
     assert (demo.folder / "report.html").stat().st_size > 100_000
     live = [json.loads(message.payload) for message in messages(demo.folder / "log" / "demo") if message.topic == "/result"]
     assert [one["pairs"] for one in live] == [9]
+
+
+def test_an_open_log_gives_the_exported_images(demo: Demo) -> None:
+    log = semlive.open_log(demo.folder / "log" / "demo")
+    image = log.image(3)
+    exported = [tifffile.imread(path)[: image.shape[0]] for path in (demo.folder / "instrument" / "export").glob("*.tif")]
+    assert sum(np.array_equal(image, other) for other in exported) == 1
+    assert log.pixel_size_um == pytest.approx(1.25, rel=0.01)
 
 
 def test_others_read_its_log_and_every_panel_of_the_layout_shows_something(demo: Demo) -> None:

@@ -78,6 +78,31 @@ def imaged_pairs(log: Path, settings: ScanProfile, every: int = 1) -> Iterator[I
     yield from _complete_pair(waiting, maps, settings)
 
 
+def frame_of(log: Path, settings: ScanProfile, number: int) -> Frame | None:
+    """Return a frame of an accepted pair; None if the log has no such frame or not its image.
+
+    The log is read up to the pair; one file is decoded.
+
+    Args:
+        log: one file, or a run folder.
+        settings: settings of the scan timing.
+        number: number of the frame, 2 * pair + 0 or 1.
+
+    Raises:
+        BadLog: the log cannot be read.
+        BadImage: the file of the frame cannot be read.
+    """
+    files = _Files()
+    for message in messages(log):
+        files.note(message)
+        if message.topic == "/pair":
+            decision = _decision(message.payload)
+            pair_files = files.take(decision)
+            if decision.pair == number // 2:
+                return None if pair_files is None else read_frame(pair_files[number % 2], settings)
+    return None
+
+
 def _complete_pair(
     waiting: dict[int, tuple[PairDecision, ExportedFile, ExportedFile]], maps: list[DisparityMap], settings: ScanProfile
 ) -> Iterator[ImagedPair]:

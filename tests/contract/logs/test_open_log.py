@@ -14,7 +14,9 @@ import pytest
 
 import semlive
 from semlive.api import OpenLog
-from semlive.errors import BadConfig
+from semlive.api.libraries import optional_library
+from semlive.api.plots import FigureKind
+from semlive.errors import BadConfig, BadInput
 
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "open_log.py"
 
@@ -59,6 +61,43 @@ def test_xarray_has_units_coordinates_and_nan_where_nothing_was_measured(log: Op
     np.testing.assert_array_equal(np.isnan(cube.v.sel(frame=23)), ~log.frames[23].valid)
     assert cube.load_n.sel(frame=23).item() == pytest.approx(213.3)
     assert float(cube.eyy.sel(frame=22).mean()) == pytest.approx(3e-3, rel=0.05)
+
+
+def test_data_frames_have_one_row_for_each_frame_or_point(log: OpenLog) -> None:
+    table = log.to_pandas()
+    assert table.index.tolist() == list(range(24))
+    assert table.loc[23, "load_n"] == pytest.approx(213.3)
+    frame = log.frames[23]
+    points = frame.to_pandas()
+    assert len(points) == frame.valid.sum()
+    np.testing.assert_array_equal(points["v"], frame.v[frame.valid])
+    np.testing.assert_array_equal(points["eyy"].isna(), ~frame.strain_valid[frame.valid])
+
+
+def test_a_notebook_shows_tables(log: OpenLog) -> None:
+    shown = log._repr_html_()
+    assert "tension.mcap" in shown
+    assert "<th style='text-align:left'>Young&#x27;s modulus</th>" in shown
+    assert "213.3 N" in log.frames[23]._repr_html_()
+    assert log.pixel_size_um is None or f"{log.pixel_size_um:.4g} µm" in shown
+
+
+@pytest.mark.parametrize(("kind", "axes"), [("drift", 1), ("distortion", 4), ("stress_strain", 1), ("fields", 12)])
+def test_standard_figures_are_drawn(log: OpenLog, kind: FigureKind, axes: int) -> None:
+    assert len(log.plot(kind).axes) == axes
+
+
+def test_what_the_log_lacks_is_refused_with_the_reason(log: OpenLog) -> None:
+    with pytest.raises(BadInput, match=r"plot\('load'\): the log has no data for it"):
+        log.plot("load")
+    with pytest.raises(BadInput, match="the figures are load, drift, distortion, stress_strain, fields"):
+        log.plot("pie")  # type: ignore[arg-type]
+    with pytest.raises(IndexError, match="there is no frame 24"):
+        log.plot("fields", frame=24)
+    with pytest.raises(BadInput, match=r"image\(3\): the log has no image of this frame; frames are 0 to 23"):
+        log.image(3)
+    with pytest.raises(BadInput, match=r"to_cube: no_such_library is not installed; pip install semlive\[no_such_library\]"):
+        optional_library("no_such_library", "to_cube")
 
 
 def test_another_window(short: Path) -> None:
