@@ -35,6 +35,12 @@ class OpenLog:
     def __init__(self, path: Path, done: ReplayResult) -> None:
         self._path, self._done = path, done
         self._metadata: RunMetadata = run_metadata(path, done)
+        self.configuration: Mapping[str, Any] = self._metadata.configuration
+        """The configuration of the run that the log stores."""
+        self.settings: Mapping[str, Any] = self._metadata.settings
+        """Every analysis setting by its name, as ``--set`` takes it."""
+        self.load: LoadSeries | None = self._metadata.load
+        """Load as sampled; None without a load frame."""
         self.frames = OpenFrames(done, self._metadata.result_json["frames"])
 
     def __repr__(self) -> str:
@@ -59,21 +65,6 @@ class OpenLog:
     def result(self) -> Mapping[str, Any]:
         """The JSON object of `semlive replay --json`."""
         return self._metadata.result_json
-
-    @property
-    def configuration(self) -> Mapping[str, Any]:
-        """The configuration of the run that the log stores."""
-        return self._metadata.configuration
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """Every analysis setting by its name, as ``--set`` takes it."""
-        return self._metadata.settings
-
-    @property
-    def load(self) -> LoadSeries | None:
-        """Load as sampled; None without a load frame."""
-        return self._metadata.load
 
     @property
     def elastic(self) -> Mapping[str, float]:

@@ -17,7 +17,7 @@ FigureKind = Literal["load", "drift", "distortion", "stress_strain", "fields"]
 
 
 def run_figure(kind: str, metadata: RunMetadata) -> Figure:
-    """Return a figure of the whole run.
+    """Return a figure of the run.
 
     Raises:
         BadInput: there is no such figure, or the log has no data for it.
@@ -34,8 +34,11 @@ def run_figure(kind: str, metadata: RunMetadata) -> Figure:
         case "stress_strain" if settings["specimen.area_mm2"] is not None:
             drawn = figures.stress_strain(result, settings["specimen.area_mm2"], settings["specimen.loading_axis"])
     if drawn is None:
-        known = kind in get_args(FigureKind)
-        reason = "the log has no data for it" if known else f"no such figure; the figures are {', '.join(get_args(FigureKind))}"
+        reason = (
+            "the log has no data for it"
+            if kind in get_args(FigureKind)
+            else f"no such figure; the figures are {', '.join(get_args(FigureKind))}"
+        )
         raise BadInput(f"plot({kind!r}): {reason}.")
     return drawn
 
