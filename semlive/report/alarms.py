@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 from semlive.service.log.alarms import Alarm, Alarms
 
-_HEADINGS = ("time (UTC)", "code", "where", "what", "action", "acknowledged")
+_HEADINGS = ("time (UTC)", "level", "code", "where", "what", "action", "acknowledged")
 
 
 def alarms_html(alarms: Alarms | None) -> str:
@@ -29,7 +29,7 @@ def alarms_html(alarms: Alarms | None) -> str:
 
 def _cells(alarm: Alarm) -> tuple[str, ...]:
     acknowledged = "no" if alarm.acknowledged_ns is None else f"{_utc(alarm.acknowledged_ns)} {alarm.acknowledged_by}".strip()
-    return _utc(alarm.time_ns), alarm.code, alarm.where, alarm.text, alarm.action, acknowledged
+    return _utc(alarm.time_ns), alarm.level.value, alarm.code, alarm.where, alarm.text, alarm.action, acknowledged
 
 
 def _utc(time_ns: int) -> str:

@@ -182,7 +182,7 @@ class Notice:
 
     Attributes:
         time_s: time of the event.
-        level: ``error`` or ``warning``.
+        level: ``error`` if a person must act, else ``warning``.
         text: message.
         advice: advice for the operator; empty if there is none.
         identity: identity with which an alarm is acknowledged; empty for a warning.

@@ -28,7 +28,7 @@ from semlive.formats.log.messages import (
 from semlive.formats.log.reader import LogMessage
 from semlive.service.config.configuration import parse_config
 from semlive.service.log import alarms as alarm_rules
-from semlive.service.log.alarms import Alarm
+from semlive.service.log.alarms import Alarm, AlarmLevel
 from semlive.web.advice_texts import QUESTION_STATES, advice, advice_for
 from semlive.web.downsampled_series import LoadRow, append
 from semlive.web.fields import Fields
@@ -199,7 +199,7 @@ def _with_notices(view: PageState) -> PageState:
 def _notice(view: PageState, alarm: Alarm) -> Notice:
     return Notice(
         seconds(view, alarm.time_ns),
-        "error",
+        "error" if alarm.level is AlarmLevel.DANGER else "warning",
         alarm.text if alarm.where in ("", "run") else f"{alarm.where}: {alarm.text}",
         advice_for(alarm.kind, alarm.code) or f"semlive: {alarm.action}.",
         alarm.identity,

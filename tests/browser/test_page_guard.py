@@ -7,6 +7,7 @@ import http.client
 import http.server
 import json
 import queue
+import re
 import subprocess
 import sys
 import threading
@@ -396,7 +397,7 @@ def test_an_alarm_is_shown_to_everybody_until_it_is_acknowledged(
     banner, bar, listed = page.locator("#disobeyed"), page.locator("#open-alarms"), page.locator("#alarms li")
     for _ in range(2):
         expect(banner).to_contain_text("press the machine's own emergency stop now")
-        expect(bar).to_contain_text("2 alarms are not acknowledged, the newest: ")
+        expect(bar).to_contain_text("Alarm, one of 2 not acknowledged: ")
         expect(listed.first).to_contain_text("stop_not_obeyed")
         readable(page)
         page.reload()
@@ -412,6 +413,31 @@ def test_an_alarm_is_shown_to_everybody_until_it_is_acknowledged(
     expect(bar).to_be_hidden()
     expect(listed.first).to_contain_text("page at 127.0.0.1")
     assert not run.heard
+
+
+def test_a_warning_about_a_result_does_not_cover_an_alarm_that_needs_a_person(
+    run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]
+) -> None:
+    limit = raised(run, "limit", "the load is beyond its limit")
+    now_ns = run.clock.now_ns()
+    note = FaultMessage(time_ns=now_ns, what="the residual is not white", where="estimate with pair 4", action="the run continues")
+    run.recorder.write("/fault", note)
+    run.recorder.flush()
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/#token={run.control.token}")
+    bar = page.locator("#open-alarms")
+    expect(bar).to_contain_text("Alarm, one of 2 not acknowledged: ")
+    expect(bar).to_contain_text("the load is beyond its limit")
+    expect(bar).not_to_have_class(re.compile("warn"))
+    for identity in (limit, str(now_ns)):
+        with page.expect_response("**/say"):
+            page.get_by_role("button", name="Acknowledge", exact=True).click()
+        acknowledged(run, identity)
+        if identity == limit:
+            expect(bar).to_contain_text("To be checked: ")
+            expect(bar).to_have_class(re.compile("warn"))
+            readable(page)
+    expect(bar).to_be_hidden()
 
 
 def test_a_page_sees_a_transition_at_once(run: Run, tab: Callable[..., Page]) -> None:

@@ -17,7 +17,7 @@ from rich.text import Text
 from semlive.data.text import printable
 from semlive.engine import FINAL_STATES, State
 from semlive.service.control.run_monitor import RunSnapshot
-from semlive.service.log.alarms import PRESS_STOP, Alarm
+from semlive.service.log.alarms import PRESS_STOP, Alarm, AlarmLevel
 
 _MAX_QUEUED = 200
 _CLOSE_TIMEOUT_S = 2.0
@@ -211,6 +211,8 @@ def _panel(snapshot: RunSnapshot, remaining_s: float | None) -> Table:
     table.add_row(Text(progress_line(snapshot, remaining_s), style="bold"))
     table.add_row(Text(printable(snapshot.progress.message or ""), style="dim"))
     if open_alarms := [alarm for alarm in snapshot.alarms if not alarm.acknowledged]:
-        newest = f"{len(open_alarms)} not acknowledged, newest: {open_alarms[-1].text}; type acknowledge and press Enter"
-        table.add_row(Text(f"alarms: {newest}", style="bold red"))
+        dangers = [alarm for alarm in open_alarms if alarm.level is AlarmLevel.DANGER]
+        shown, style = (dangers[-1], "bold red") if dangers else (open_alarms[-1], "yellow")
+        newest = f"{len(open_alarms)} not acknowledged, newest: {shown.text}; type acknowledge and press Enter"
+        table.add_row(Text(f"alarms: {newest}", style=style))
     return table

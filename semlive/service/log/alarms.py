@@ -8,6 +8,7 @@ acknowledgement moves no device and does not resume the run.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 from pydantic import BaseModel, JsonValue
 
@@ -32,6 +33,18 @@ _PROTOCOL = "protocol"
 _TROUBLE = (State.FAULT, State.EMERGENCY_STOP)
 _DEVICES = frozenset(device.words for device in Device)
 _STOPPED = "motion was stopped and is held"
+
+
+class AlarmLevel(StrEnum):
+    """Urgency of an alarm."""
+
+    DANGER = "danger"
+    """The specimen or the data are in danger, or the run does not continue: a person must act."""
+    ATTENTION = "attention"
+    """Results of the run may be incomplete or biased, and the run continues: to be checked before they are used."""
+
+
+_CHECK_LATER = frozenset((FaultKind.MODEL_WARNING, FaultKind.PAIR_UNUSABLE, FaultKind.POINTS_NOT_CALIBRATED))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +80,11 @@ class Alarm:
     def acknowledged(self) -> bool:
         """Whether a person has acknowledged it."""
         return self.acknowledged_ns is not None
+
+    @property
+    def level(self) -> AlarmLevel:
+        """Urgency, from the kind of the fault; an alarm of unknown kind is a danger."""
+        return AlarmLevel.ATTENTION if self.kind in _CHECK_LATER else AlarmLevel.DANGER
 
     @property
     def disobeyed(self) -> bool:

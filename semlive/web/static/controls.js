@@ -84,11 +84,13 @@ function drawButtons({ protocol }) {
 function drawAlarms({ alarms, now }) {
   if (!alarms) return;
   open = alarms.filter((one) => one.identity && one.acknowledged_s === null);
-  const worst = open.findLast((one) => one.disobeyed), newest = open.at(-1);
+  const worst = open.findLast((one) => one.disobeyed), newest = open.findLast((one) => one.level === "error") ?? open.at(-1);
   byId("disobeyed").hidden = !worst;
   say(byId("disobeyed"), worst ? `THE MACHINE DOES NOT OBEY ITS STOP: press the machine's own emergency stop now. ${worst.text}` : "");
   byId("open-alarms").hidden = !newest;
-  const many = open.length > 1 ? `${open.length} alarms are not acknowledged, the newest: ` : "Alarm: ";
+  byId("open-alarms").classList.toggle("warn", newest?.level !== "error");
+  const word = newest?.level === "error" ? "Alarm" : "To be checked";
+  const many = open.length > 1 ? `${word}, one of ${open.length} not acknowledged: ` : `${word}: `;
   say(byId("open-alarm"), newest ? `${many}${timeOfDay(now.start_ms, newest.time_s)} ${newest.text}` : "");
   byId("acknowledge").hidden = !here;
   byId("acknowledge-all").hidden = !here || open.length < 2;
@@ -135,7 +137,7 @@ export async function control() {
   panel(["protocol"], drawButtons);
   panel(["desk"], drawDesk);
   panel(["alarms", "now"], drawAlarms);
-  byId("acknowledge").addEventListener("click", () => acknowledge(open.slice(-1)));
+  byId("acknowledge").addEventListener("click", () => acknowledge(open.filter((one) => one.level === "error").slice(-1).concat(open.slice(-1)).slice(0, 1)));
   byId("acknowledge-all").addEventListener("click", () => acknowledge(open));
   for (const button of document.querySelectorAll("[data-say]")) {
     button.addEventListener("click", () => (button.dataset.say === "abort" ? byId("ask-abort").showModal() : ask({ say: button.dataset.say })));

@@ -8,7 +8,7 @@ import pytest
 
 from semlive.data.faults import FaultCode
 from semlive.formats.log.messages import FaultMessage, LogLineMessage, OperatorMessage, Payload, StateMessage
-from semlive.service.log.alarms import Alarms, acknowledgements, after
+from semlive.service.log.alarms import AlarmLevel, Alarms, acknowledgements, after
 
 START_NS = 1_800_000_000_000_000_000
 
@@ -123,3 +123,18 @@ def test_a_limit_that_link_thread_and_protocol_find_in_one_reading_is_one_alarm(
     assert len(known.listed) == 1
     other = FaultMessage(time_ns=2_000, what="another", where="load frame", action="stopped", code="load_jump")
     assert len(after(known, other).listed) == 2
+
+
+@pytest.mark.parametrize(
+    ("where", "level"),
+    [
+        ("load frame", AlarmLevel.DANGER),
+        ("export folder", AlarmLevel.DANGER),
+        ("log", AlarmLevel.DANGER),
+        ("a part that is added later", AlarmLevel.DANGER),
+        ("estimate with pair 4", AlarmLevel.ATTENTION),
+        ("analysis of pair 3", AlarmLevel.ATTENTION),
+    ],
+)
+def test_an_alarm_about_one_result_is_less_urgent_than_all_others(where: str, level: AlarmLevel) -> None:
+    assert [alarm.level for alarm in alarms(fault(1.0, where=where)).listed] == [level]
