@@ -96,7 +96,9 @@ def test_alarms_are_listed_and_none_is_said_only_of_a_log_without_any() -> None:
     done_one = Alarm(1_800_000_001_999_999_999, "limit", "beyond", "run", "stopped", 1_800_000_002_000_000_000, "page at 127.0.0.1")
     page = alarms_html(Alarms((open_one, done_one)))
     assert "2 alarms, 1 of them not acknowledged" in page
-    assert "<td>2027-01-15 08:00:00.123</td><td>danger</td><td>emergency_stop</td><td>load frame</td><td>&lt;emergency stop&gt;</td>" in page
+    assert (
+        "<td>2027-01-15 08:00:00.123</td><td>danger</td><td>emergency_stop</td><td>load frame</td><td>&lt;emergency stop&gt;</td>" in page
+    )
     assert "<td>stopped</td><td>no</td>" in page
     assert "<td>2027-01-15 08:00:01.999</td><td>danger</td><td>limit</td>" in page
     assert "<td>2027-01-15 08:00:02.000 page at 127.0.0.1</td>" in page
