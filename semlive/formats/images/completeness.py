@@ -18,7 +18,9 @@ from semlive.formats.vendors import tiff
 
 _MAX_ZERO_BYTES = 256
 """Longest run of zeros in written pixels; 95 in a dark frame of a real microscope. File systems allocate in blocks of 512 bytes or more."""
-_MAX_ZERO_TEXT_BYTES = 64
+_MAX_ZERO_TEXT_BYTES = 16
+"""Longest run of zeros in the value of a tag; real texts end in up to five."""
+_INLINE_BYTES = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +55,7 @@ def prove_complete(file: ExportedFile, profile: ScanProfile) -> CompletenessProo
     header, directory = parsed.header, parsed.directory
     if directory is None:
         return CompletenessProof(header.vendor)
-    if tiff.ends_in_zeros(file.data) or _has_unwritten_text(file.data, directory):
+    if tiff.ends_in_zeros(file.data) or _has_unwritten_tag(file.data, directory):
         return None
     rows = _stored_rows(file.data, directory, image_rows(header, parsed.rows, profile))
     pixels = b"".join(rows)
@@ -67,9 +69,13 @@ def image_rows(header: Header, rows: int, profile: ScanProfile) -> int:
     return int(header.height_px) if header.height_px else rows - int(header.databar_rows or profile.databar_rows or 0)
 
 
-def _has_unwritten_text(data: bytes, directory: tiff.Directory) -> bool:
-    hole = bytes(_MAX_ZERO_TEXT_BYTES)
-    return any(hole in data[tag.offset : tag.offset + tag.nbytes] for tag in directory.tags.values() if tag.nbytes >= len(hole))
+def _has_unwritten_tag(data: bytes, directory: tiff.Directory) -> bool:
+    """Whether an entry of the directory is zero, or more of the value of a tag than texts and numbers contain."""
+    for tag in directory.tags.values():
+        hole = bytes(min(tag.nbytes, _MAX_ZERO_TEXT_BYTES))
+        if tag.kind == 0 or (tag.nbytes > _INLINE_BYTES and hole in data[tag.offset : tag.offset + tag.nbytes]):
+            return True
+    return False
 
 
 def _stored_rows(data: bytes, directory: tiff.Directory, last_row: int) -> list[bytes]:

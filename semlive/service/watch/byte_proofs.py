@@ -1,7 +1,7 @@
 """Which files are accepted at once, because their bytes prove that they are complete; all others must be constant for `stable_for_s`.
 
 The bytes prove that an image is complete, but not that no text follows. Therefore no file is accepted at once after one with a text file. A
-file without the header of a vendor inside it is accepted at once only after an earlier file that was awaited had neither header nor text.
+file without the header of a vendor inside it is accepted at once only if the earlier files, which were awaited, had neither header nor text.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats import CompletenessProof, prove_complete
 
+_HEADERS_IN_IMAGE = frozenset({"fei", "zeiss", "tescan"})
 _NO_HEADER = "plain"
 
 
@@ -25,7 +26,7 @@ class ByteProofs:
     """
 
     profile: ScanProfile
-    _vendors: frozenset[str] = frozenset({"fei", "zeiss", "tescan"})
+    _vendors: frozenset[str] | None = None
     _newest: CompletenessProof | None = None
 
     def accepts(self, file: ExportedFile) -> bool:
@@ -33,10 +34,10 @@ class ByteProofs:
 
         A row of the newest file in it is evidence of an old file that is being overwritten in place.
         """
-        proof = self._proof(file)
-        if proof is None or proof.vendor not in self._vendors or (self._newest is not None and proof.shares_rows(self._newest)):
+        proof, vendors = self._proof(file), _HEADERS_IN_IMAGE if self._vendors is None else self._vendors
+        if proof is None or proof.vendor not in vendors or (self._newest is not None and proof.shares_rows(self._newest)):
             return False
-        self._newest = proof
+        self._remember(proof)
         return True
 
     def awaited(self, file: ExportedFile) -> None:
@@ -45,13 +46,17 @@ class ByteProofs:
         if file.sidecar is not None:
             self.await_texts()
         elif proof is not None:
-            self._newest = proof
-            if self._vendors and proof.vendor == _NO_HEADER:
-                self._vendors |= {_NO_HEADER}
+            self._remember(proof)
 
     def await_texts(self) -> None:
         """Accept no file at once any more, because these files have text files."""
         self._vendors = frozenset()
+
+    def _remember(self, proof: CompletenessProof) -> None:
+        """Restrict files that are accepted at once to those like the first: all with a header, or all without."""
+        if self._vendors is None:
+            self._vendors = frozenset({_NO_HEADER}) if proof.vendor == _NO_HEADER else _HEADERS_IN_IMAGE
+        self._newest = proof
 
     def _proof(self, file: ExportedFile) -> CompletenessProof | None:
         try:
