@@ -3,12 +3,12 @@
     python tests/benchmarks/bench_watch.py --files 10000 --seed 1
     python tests/benchmarks/bench_watch.py --latency 200 --write
 
-The campaign: real files in real folders under a clock that is moved by hand: one folder of FEI, Zeiss, TESCAN and plain files, one of JEOL and
-Hitachi files with their texts beside them, each with files from before the run. A pattern is a generator that does to its file what a
-microscope, a share or a hand does, a step a second, and gives what the watch must make of it. One JSON line is printed; the code is 1 if any
-verdict is wrong, missing or given twice.
+The campaign: real files in real folders under a clock that is moved by hand: one folder of FEI, Zeiss, TESCAN and plain files, one of
+JEOL and one of Hitachi files with their texts beside them, each with files from before the run. A pattern is a generator that does to its
+file what a microscope, a share or a hand does, a step a second, and gives what the watch must make of it. One JSON line is printed; the
+code is 1 if any verdict is wrong, missing or given twice.
 
-With ``--latency`` so many files of each format are written in real time, and watches with and without file-system events look at one folder.
+With ``--latency`` so many files of each format are written in real time; watches with and without file-system events look at one folder.
 """
 
 from __future__ import annotations

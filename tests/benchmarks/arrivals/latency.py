@@ -113,7 +113,9 @@ def _write(path: Path, vendor: Vendor, number: int, rng: np.random.Generator) ->
     """Write a file in one of the ways of microscopes; the monotonic time of its last write, s."""
     scan = dataclasses.replace(PAPER, width_px=WIDTH_PX, height_px=HEIGHT_PX, frame_time_s=HEIGHT_PX * WIDTH_PX * 1.2e-4)
     image = rng.integers(1, 256, (HEIGHT_PX, WIDTH_PX), dtype=np.uint8)
-    frame = Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 0, "x", vendor).encode(image, ImageMetadata(scan, time.time_ns(), 0, 0, number, path.name))
+    frame = Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 0, "x", vendor).encode(
+        image, ImageMetadata(scan, time.time_ns(), 0, 0, number, path.name)
+    )
     if frame.sidecar is not None:
         path.with_suffix(".txt").write_bytes(frame.sidecar)
     style = (_direct, _preallocated, _renamed)[number % 3]

@@ -10,6 +10,7 @@ from semlive_simulators.exporters.settings import Vendor
 from .hostile import HOSTILE
 from .scene import MAX_BYTES, SIDECAR_S, Scene, Steps, wait
 
+
 def direct(scene: Scene) -> Steps:
     """Written at once."""
     name, made = scene.product()
@@ -219,5 +220,3 @@ SCENES: tuple[tuple[str | None, tuple[Vendor, ...], tuple[Callable[[Scene], Step
     ("jeol", (Vendor.JEOL,), (*COMMON, late_text, no_text, foreign_text)),
     ("hitachi", (Vendor.HITACHI,), (*COMMON, late_text, no_text, foreign_text)),
 )
-
-

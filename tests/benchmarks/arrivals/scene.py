@@ -131,5 +131,3 @@ def wait(seconds: int) -> Steps:
     """Nothing happens for a while."""
     for _ in range(seconds):
         yield
-
-
