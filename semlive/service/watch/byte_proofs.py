@@ -1,7 +1,7 @@
 """Which files are accepted at once, because their bytes prove that they are complete; all others must be constant for `stable_for_s`.
 
-The bytes prove that an image is complete, but not that no text follows. Therefore no file is accepted at once after one with a text file. A
-file without the header of a vendor inside it is accepted at once only if the earlier files, which were awaited, had neither header nor text.
+The bytes prove that an image is complete, but not that no text follows. Therefore no file is accepted at once after one with a text file.
+A file without the header of a vendor inside it is accepted at once only if the first file, which was awaited, had neither header nor text.
 """
 
 from __future__ import annotations
