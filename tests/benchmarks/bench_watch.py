@@ -23,10 +23,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from arrivals.latency import latencies, latency_table
+from arrivals.latency import FORMATS, latencies, latency_table
 from arrivals.patterns import SCENES
 from arrivals.scene import GIVE_UP_S, SIDECAR_S, HandClock, Scene, Steps, wrong_verdicts
 from paper import write_between
+
+from semlive_simulators.exporters.settings import Vendor
 
 ROBUSTNESS = Path(__file__).parents[2] / "docs" / "validation" / "robustness.md"
 
@@ -85,7 +87,8 @@ def main() -> int:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         if arguments.latency or arguments.smoke:
-            table = latency_table(latencies(arguments.latency or 1, Path(folder), arguments.seed))
+            formats = (Vendor.FEI, Vendor.JEOL) if arguments.smoke else FORMATS
+            table = latency_table(latencies(arguments.latency or 1, Path(folder), arguments.seed, formats))
             sys.stdout.write(table + "\n")
             if arguments.write:
                 ROBUSTNESS.write_text(write_between(ROBUSTNESS.read_text(encoding="utf-8"), "arrivals", table), encoding="utf-8")

@@ -109,6 +109,10 @@ def test_wrong_answers_end_no_question(rehearsal: Rehearsal) -> None:
 def test_the_simulator_did_what_was_answered(rehearsal: Rehearsal) -> None:
     truth = json.loads((rehearsal.folder / "instrument" / "truth.json").read_text(encoding="utf-8"))
     by_file = {frame["file"]: frame for frame in truth["frames"]}
-    taken = [by_file[one["name"]] for one in rehearsal.logged("/sem/file") if one["decision"] == "accepted"]
-    assert taken
-    print(taken[0])
+    names = {one["export"]: one["name"] for one in rehearsal.logged("/sem/file") if one["decision"] == "arrived"}
+    pairs = [[by_file[names[pair[which]["export"]]] for which in ("first", "second")] for pair in rehearsal.logged("/pair")]
+    for frames, shift_px, load_n in zip(pairs, (0.0, 12.0, 0.0, 0.0), (0.0, 0.0, 100.0, 300.0), strict=True):
+        for frame in frames:
+            assert frame["moving"] is False
+            assert frame["stage_px"][0] == pytest.approx(shift_px, abs=1.5)  # the simulated stage loses 0.8 um of backlash
+            assert frame["load_mean_n"] == pytest.approx(load_n, abs=5.0)
