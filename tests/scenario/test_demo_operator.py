@@ -20,7 +20,9 @@ from semlive.service.log.files import messages
 
 MOVE = re.compile(r"move the specimen about .*?then press enter", re.DOTALL)
 LOAD = re.compile(r"bring the load to ([\d.]+) N at .*?press enter when it is there", re.DOTALL)
+COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 TIMEOUT_S = 500.0
+TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "rehearsal.md"
 
 
 class Person:
@@ -59,7 +61,7 @@ class Person:
         deadline = time.monotonic() + TIMEOUT_S
         while (text := self.read()) is not None and time.monotonic() < deadline:
             if (asked := LOAD.search(text)) is not None:
-                self.answer("as you said")
+                self.answer("abc")
                 self.wait_for("is no load")
                 self.answer(str(float(asked[1]) - 30.0))
                 self.wait_for("bring it nearer")
@@ -86,7 +88,7 @@ def rehearsal(tmp_path_factory: pytest.TempPathFactory) -> Rehearsal:
     folder = tmp_path_factory.mktemp("rehearsal") / "demo"
     command = [sys.executable, "-m", "semlive", "demo", "--operator", "--short", "--rate", "40", "--out", str(folder)]
     person = Person(command)
-    said = person.rehearse()
+    said = " ".join(COLOURS.sub("", person.rehearse()).split())
     return Rehearsal(folder, person.process.returncode, said)
 
 
@@ -97,6 +99,15 @@ def test_a_person_who_answers_comes_to_the_result(rehearsal: Rehearsal) -> None:
     assert "recovered and true values" in rehearsal.said
     assert rehearsal.logged("/state")[-1]["after"] == "complete"
     assert len(rehearsal.logged("/pair")) == 4
+
+
+@pytest.mark.checkout
+def test_the_tutorial_shows_what_is_asked(rehearsal: Rehearsal) -> None:
+    page = [line.strip() for line in TUTORIAL.read_text(encoding="utf-8").splitlines() if line.startswith("    ")]
+    shown = [line for line in page if line.startswith(("rehearsal:", "in the load frame's", "abc is", "that is"))]
+    assert len(shown) == 4
+    for line in shown:
+        assert line in rehearsal.said, line
 
 
 def test_wrong_answers_end_no_question(rehearsal: Rehearsal) -> None:
