@@ -95,7 +95,7 @@ def rehearsal(tmp_path_factory: pytest.TempPathFactory) -> Rehearsal:
 @pytest.mark.timeout(600)
 def test_a_person_who_answers_comes_to_the_result(rehearsal: Rehearsal) -> None:
     assert rehearsal.code == 0, rehearsal.said[-3000:]
-    assert "nobody moves anything" in rehearsal.said
+    assert "only the simulated instrument moves" in rehearsal.said
     assert "recovered and true values" in rehearsal.said
     assert rehearsal.logged("/state")[-1]["after"] == "complete"
     assert len(rehearsal.logged("/pair")) == 4

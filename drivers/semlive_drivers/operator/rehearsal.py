@@ -1,7 +1,7 @@
 """Rehearsal of a run with devices that a person moves: simulated devices do what the person answers.
 
 A device that the operator moves believes the answers. In a rehearsal nobody moves anything, so a simulated machine goes where each answer
-says, and the motion ends when the machine is there. Real machines are refused: an answer must never move one.
+states, and the motion ends when the machine is there. Real machines are refused: an answer must never move one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class RehearsedLoadFrame:
     """The LoadFrame port over a person whose typed loads a simulated machine obeys.
 
     Args:
-        hand: the load frame that asks the person.
+        hand: the load frame that sends requests to the person.
         machine: the simulated machine.
 
     Raises:
@@ -51,23 +51,23 @@ class RehearsedLoadFrame:
         return dataclasses.replace(typed, motion=MotionState.MOVING) if self._is_going else typed
 
     def ramp_to(self, force_n: float, rate_n_s: float) -> None:
-        """Ask the person for a load."""
+        """Show the request for a load."""
         self._rate_n_s = rate_n_s
         self._hand.ramp_to(force_n, rate_n_s)
 
     def stop(self) -> None:
-        """Ask the person to stop, and stop the machine."""
+        """Show the request to stop, and stop the machine."""
         self._is_going = False
         self._hand.stop()
         self._machine.stop()
 
     def stop_blind(self) -> bool:
-        """Ask the person to stop, as `semlive.ports.BlindStop`."""
+        """Show the request to stop, as `semlive.ports.BlindStop`."""
         self.stop()
         return True
 
     def order_problem(self, force_n: float, rate_n_s: float) -> str | None:
-        """Why the person cannot be asked for a load, or None."""
+        """Why a load cannot be requested, or None."""
         return self._hand.order_problem(force_n, rate_n_s) if isinstance(self._hand, OrderCheck) else None
 
     def close(self) -> None:
@@ -80,7 +80,7 @@ class RehearsedStage:
     """The Stage port over a person whose confirmed moves a simulated stage carries out.
 
     Args:
-        hand: the stage that asks the person.
+        hand: the stage that sends requests to the person.
         machine: the simulated stage; its present position is the origin.
 
     Raises:
@@ -90,9 +90,9 @@ class RehearsedStage:
     def __init__(self, hand: Stage, machine: Stage) -> None:
         _check_simulated(machine.identity)
         self._hand, self._machine = hand, machine
-        begin, asked = machine.read(), hand.read()
-        self._origin_um = (begin.x_um - asked.x_um, begin.y_um - asked.y_um)
-        self._position_um = (asked.x_um, asked.y_um)
+        begin, confirmed = machine.read(), hand.read()
+        self._origin_um = (begin.x_um - confirmed.x_um, begin.y_um - confirmed.y_um)
+        self._position_um = (confirmed.x_um, confirmed.y_um)
         self._is_going = False
 
     @property
@@ -107,29 +107,29 @@ class RehearsedStage:
 
     def read(self) -> StageSample:
         """The confirmed position; in motion until the machine is there."""
-        asked = self._hand.read()
-        x_um, y_um = asked.x_um + self._origin_um[0], asked.y_um + self._origin_um[1]
-        if (asked.x_um, asked.y_um) != self._position_um:
-            self._position_um, self._is_going = (asked.x_um, asked.y_um), True
+        confirmed = self._hand.read()
+        x_um, y_um = confirmed.x_um + self._origin_um[0], confirmed.y_um + self._origin_um[1]
+        if (confirmed.x_um, confirmed.y_um) != self._position_um:
+            self._position_um, self._is_going = (confirmed.x_um, confirmed.y_um), True
             self._machine.move_to(x_um, y_um)
         elif self._is_going:
             machine = self._machine.read()
             is_near = max(abs(machine.x_um - x_um), abs(machine.y_um - y_um)) <= _NEAR_UM
             self._is_going = machine.motion is not MotionState.STOPPED or not is_near
-        return dataclasses.replace(asked, motion=MotionState.MOVING) if self._is_going else asked
+        return dataclasses.replace(confirmed, motion=MotionState.MOVING) if self._is_going else confirmed
 
     def move_to(self, x_um: float, y_um: float) -> None:
-        """Ask the person for a move."""
+        """Show the request for a move."""
         self._hand.move_to(x_um, y_um)
 
     def stop(self) -> None:
-        """Ask the person not to move any more, and stop the machine."""
+        """Show the request not to move any more, and stop the machine."""
         self._is_going = False
         self._hand.stop()
         self._machine.stop()
 
     def stop_blind(self) -> bool:
-        """Ask the person not to move any more, as `semlive.ports.BlindStop`."""
+        """Show the request not to move any more, as `semlive.ports.BlindStop`."""
         self.stop()
         return True
 

@@ -36,7 +36,7 @@ def demo(
     rtu: Annotated[bool, typer.Option("--rtu", help="Load frame and stage use Modbus RTU on one serial line; not on Windows.")] = False,
     operator: Annotated[
         bool,
-        typer.Option("--operator", help="Rehearsal: you answer the questions, here or on the page; the simulator does what you answer."),
+        typer.Option("--operator", help="Rehearsal: you answer the questions, here or on the page; the simulator obeys."),
     ] = False,
 ) -> None:
     """Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth."""
@@ -67,9 +67,9 @@ _SCENARIOS = {(False, False): "paper_x200", (False, True): "short", (True, False
 _REHEARSAL_RATE = 5.0
 _PATIENCE_S = 3600.0
 """Wall time for which a rehearsal waits for an answer, s."""
-_REHEARSAL = """rehearsal: nobody moves anything. semlive asks for moves and loads, here and on the page; answer as at the instrument
-(Enter when the specimen is moved, the load in N when it is reached), and the simulated instrument goes where your answer
-says. You may type pause, resume or stop at any time. Try a wrong answer too."""
+_REHEARSAL = """rehearsal: only the simulated instrument moves. Requests for moves and loads appear here and on the page. Answer as at
+the instrument: Enter when the specimen is moved, the load in N when it is reached. The simulated instrument then does
+what your answer states. Type pause, resume or stop at any time. Try a wrong answer too."""
 _SHIFTED: dict[str, dict[str, object]] = {"stage": {"kind": "specimen"}, "beam_shift": {"kind": "beam", "first_register": 400}}
 """Registers of the simulated bench that shift the field of view: those of the stage (the default of the driver) or of the beam shift."""
 

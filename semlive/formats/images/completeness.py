@@ -1,8 +1,8 @@
 """Proof by its bytes alone that an image file is complete, so that nothing need be awaited.
 
 A PNG has a checksum over every byte. An uncompressed TIFF has none, but every part of the file system's space that is not written yet reads
-as zeros; SEM images have noise, so rows without long runs of zeros are written. The proof fails for dark or saturated images, compressed
-strips and tiles, which says nothing about them: such a file must be constant for some time instead.
+as zeros; SEM images have noise, so rows without long runs of zeros are written. Dark or saturated images, compressed
+strips and tiles have no proof, although they may be complete: such a file must be constant for some time instead.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ class Candidates:
         names = [name for name, candidate in self._candidates.items() if self._is_stable(candidate, now_ns)]
         return sorted(names, key=self._order)
 
-    def quiet(self, now_ns: int) -> Iterator[str]:
+    def provable(self, now_ns: int) -> Iterator[str]:
         """Yield the names of the files that are complete now if their bytes prove it, in order of modification time.
 
         A file that must still be awaited ends the iteration, so that files are accepted in their order.
@@ -141,7 +141,7 @@ class Candidates:
         for name in sorted(self._candidates, key=self._order):
             candidate = self._candidates[name]
             is_constant = candidate.polls >= 1 and candidate.missing_since_ns is None
-            if candidate.is_examined or not is_constant or now_ns - candidate.since_ns < self.settings.quiet_s * 1e9:
+            if candidate.is_examined or not is_constant or now_ns - candidate.since_ns < self.settings.proof_after_s * 1e9:
                 return
             candidate.is_examined = True
             yield name
@@ -152,7 +152,7 @@ class Candidates:
         """Return the next time at which a file may be complete if it does not change, or None."""
         s, due_ns = self.settings, list[int]()
         for candidate in self._candidates.values():
-            due_ns += [candidate.since_ns + round(wait_s * 1e9) for wait_s in (s.quiet_s, s.stable_for_s)] + [candidate.next_try_ns]
+            due_ns += [candidate.since_ns + round(wait_s * 1e9) for wait_s in (s.proof_after_s, s.stable_for_s)] + [candidate.next_try_ns]
         return min((time_ns for time_ns in due_ns if time_ns > now_ns), default=None)
 
     def _order(self, name: str) -> tuple[int, str]:

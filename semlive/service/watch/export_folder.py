@@ -119,7 +119,7 @@ class ExportFolder:
                     self.reader.forget(self.settings.folder / name)  # its read began before the change
         for name in self._candidates.stable(now_ns):
             self._try(name, now_ns)
-        for name in self._candidates.quiet(now_ns):
+        for name in self._candidates.provable(now_ns):
             self._try_at_once(name, now_ns)
 
     def next_due_s(self) -> float | None:

@@ -96,13 +96,14 @@ class FolderWatcher:
                 started_s, news = time.monotonic(), self._folder.news
                 self._folder.poll()
                 pause_s = max(_MIN_PAUSE_S, _MIN_PAUSE_SCANS * (time.monotonic() - started_s))
+                wait_s = min(self._poll_s, self._folder.next_due_s() or self._poll_s)
                 if events is not None:
                     events.follow(is_woken=is_woken, has_news=self._folder.news > news)
                 if time.monotonic() - trimmed_s > _TRIM_EVERY_S:  # no other thread waits for this one
                     trim_heap()
                     trimmed_s = time.monotonic()
                 self._stop.wait(pause_s)
-                is_woken = self._wake.wait(min(self._poll_s, self._folder.next_due_s() or self._poll_s))
+                is_woken = self._wake.wait(max(wait_s - pause_s, 0.0))
                 self._wake.clear()
         except Exception as exc:
             self._failed.set()

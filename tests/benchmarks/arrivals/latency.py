@@ -26,7 +26,7 @@ WIDTH_PX, HEIGHT_PX, PIECES = 512, 384, 4
 _TIMEOUT_S = 60.0
 _PAUSE_S = (0.05, 0.25)
 FORMATS = (Vendor.FEI, Vendor.ZEISS, Vendor.TESCAN, Vendor.PNG, Vendor.TIFF, Vendor.JEOL)
-WATCHES = {"events": {}, "polling": {"use_events": False}, "polling, time only": {"use_events": False, "quiet_s": 1e6}}
+WATCHES = {"events": {}, "polling": {"use_events": False}, "polling, time only": {"use_events": False, "proof_after_s": 1e6}}
 """Settings of the watches that are compared; the last one awaits every file for `stable_for_s`."""
 
 
