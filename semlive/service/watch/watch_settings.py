@@ -17,7 +17,7 @@ class WatchSettings:
         folder: export folder of the SEM.
         poll_s: wall seconds between scans, if nothing wakes them.
         use_events: file-system events wake the scan.
-        proof_after_s: wall seconds for which a file must be constant whose bytes prove that it is complete; above the resolution of its times.
+        proof_after_s: wall seconds without change of a file whose bytes prove that it is complete; above the resolution of its times.
         stable_for_s: wall seconds for which size and times must be constant.
         stable_polls: number of scans for which they must be constant.
         give_up_after_s: wall seconds after which a constant but unreadable file is rejected.
