@@ -85,6 +85,22 @@ class Candidates:
         self._rejected[name] = candidate.key, candidate.sidecar
         self.reject(name, candidate.key, reason)
 
+    def retry_later(self, name: str, candidate: Candidate, now_ns: int, problem: str) -> None:
+        """Schedule the next attempt to read an incomplete file, or reject it after `give_up_after_s`.
+
+        Args:
+            name: file name.
+            candidate: the file.
+            now_ns: monotonic time.
+            problem: why it is not complete, a clause.
+        """
+        waited_ns = now_ns - candidate.since_ns
+        if waited_ns >= self.settings.give_up_after_s * 1e9:
+            self.give_up(name, candidate, f"{problem}; check the export and the permissions, then export again")
+        else:
+            # A large incomplete file is not read again at every scan.
+            candidate.next_try_ns = now_ns + waited_ns // 4
+
     def forget_vanished(self, listed: dict[str, Key], now_ns: int) -> None:
         """Handle candidates that a scan did not find: renamed, listed late, or deleted."""
         vanished = [name for name in self._candidates if name not in listed]

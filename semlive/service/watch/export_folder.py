@@ -168,7 +168,7 @@ class ExportFolder:
             if is_locked_error(exc):
                 self._hold_back(name, candidate, now_ns)
                 return
-            self._wait(name, candidate, now_ns, f"cannot be read ({exc.strerror})")
+            self._candidates.retry_later(name, candidate, now_ns, f"cannot be read ({exc.strerror})")
             return
         candidate.reading_since_ns = None
         if data is None or (sidecar is None and candidate.sidecar is not None):
@@ -181,13 +181,14 @@ class ExportFolder:
         file = self._file(name, candidate, data, sidecar)
         problem = check_complete(data) or check_finished(file, self.settings.profile, self.settings.vendor)
         if problem is not None:
-            self._wait(name, candidate, now_ns, f"never became complete ({problem})")
+            self._candidates.retry_later(name, candidate, now_ns, f"never became complete ({problem})")
             return
         if ends_like_partial_file(data) and now_ns - candidate.since_ns < self.settings.give_up_after_s * 1e9:
             candidate.next_try_ns = now_ns + (now_ns - candidate.since_ns) // 4
             return
         self._proofs.awaited(file)
-        self._accept(name, candidate, file)
+        self._candidates.remove(name)
+        self._accepted.add(name, candidate.key, file, self.on_file)
 
     def _try_at_once(self, name: str, now_ns: int) -> None:
         """Accept a file if its bytes prove that it is complete; only time can prove that a text file is."""
@@ -207,15 +208,12 @@ class ExportFolder:
         file = self._file(name, candidate, data, None)
         is_finished = check_finished(file, self.settings.profile, self.settings.vendor) is None
         if is_finished and not self._accepted.is_copy(data) and self._proofs.accepts(file):
-            self._accept(name, candidate, file)
+            self._candidates.remove(name)
+            self._accepted.add(name, candidate.key, file, self.on_file)
 
     def _file(self, name: str, candidate: Candidate, data: bytes, sidecar: bytes | None) -> ExportedFile:
         settled_ns, number = candidate.settled_time_ns, self._accepted.next_export
         return ExportedFile(number, printable_name(name), data, "", candidate.key[1], self.clock.now_ns(), sidecar, settled_ns)
-
-    def _accept(self, name: str, candidate: Candidate, file: ExportedFile) -> None:
-        self._candidates.remove(name)
-        self._accepted.add(name, candidate.key, file, self.on_file)
 
     def _read_unchanged(self, name: str, key: Key) -> bytes | None:
         """Return the bytes of a file; None if it changed during reading."""
@@ -242,14 +240,6 @@ class ExportFolder:
             waited_s = (now_ns - since_ns) / 1e9
             state = f"{printable_name(name)}: another program has had it open for {waited_s:.0f} s"
             self.on_notice(f"{state}; it is taken when that lets go of it.")
-
-    def _wait(self, name: str, candidate: Candidate, now_ns: int, problem: str) -> None:
-        waited_ns = now_ns - candidate.since_ns
-        if waited_ns >= self.settings.give_up_after_s * 1e9:
-            self._candidates.give_up(name, candidate, f"{problem}; check the export and the permissions, then export again")
-        else:
-            # A large incomplete file is not read again at every scan.
-            candidate.next_try_ns = now_ns + waited_ns // 4
 
     def _reject_irregular(self, name: str) -> None:
         self._reject(name, (0, 0, 0, 0), "is not a regular file, so it is not read; export into a folder of its own")
