@@ -5,14 +5,18 @@ A new benchmark needs an entry. In this process, because each start of Python wi
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
 import runpy
 import sys
+import types
 from pathlib import Path
 
 import pytest
 import yaml
 
+PACKAGES = ("semlive", "semlive_simulators", "semlive_drivers")
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 RUNS: dict[str, tuple[str, ...]] = {
     "bench_backlog": ("--pairs", "60", "--frames", "2"),
@@ -21,6 +25,7 @@ RUNS: dict[str, tuple[str, ...]] = {
     "bench_coverage": ("--experiments", "1", "--cases", "white", "--keep", "FOLDER"),
     "bench_decide": ("--score", "--folder", "FOLDER"),
     "bench_diagnose_rendered": ("--score", "--folder", "FOLDER"),
+    "bench_dic": ("smoke",),
     "bench_dic_accuracy": ("1", "cubic", "--subset", "31"),
     "bench_dic_hard": ("--points", "1000"),
     "bench_dic_tiles": ("1024", "64"),
@@ -28,12 +33,12 @@ RUNS: dict[str, tuple[str, ...]] = {
     "bench_every_map": ("--list",),
     "bench_injected": ("--score", "--folder", "FOLDER"),
     "bench_latency": ("--smoke",),
-    "bench_light": (),
     "bench_noise": ("short",),
     "bench_peer_frame": ("--list",),
     "bench_record": ("--images", "2", "--mb", "0.1", "--rounds", "1"),
     "bench_rendered_rasters": ("--count", "1"),
     "bench_replay": ("--pairs", "3", "--step", "40"),
+    "bench_rows": ("smoke",),
     "bench_rtu": ("--readings", "50"),
     "bench_startup": ("--smoke",),
     "bench_stop": ("--runs", "1", "--workers", "1"),
@@ -47,11 +52,11 @@ IMPORTED = {
     "bench_challenge_star": "installs programs of others",
     "bench_detectable": "a diagnosis of 20 s",
     "bench_diagnose": "a diagnosis of 20 s",
-    "bench_dic": "correlates frames of 4096 px",
     "bench_estimate": "a pool of processes, 20 s for the smallest case",
     "bench_faults": "runs the daemon for each fault",
     "bench_foretold": "a diagnosis of a minute",
     "bench_grey_channel": "renders at full size only",
+    "bench_light": "a series of verdicts, 12 s",
     "bench_page": "needs a browser",
     "bench_peers": "installs programs of others",
     "bench_real_rasters": "needs images that are not in the repository",
@@ -59,14 +64,13 @@ IMPORTED = {
     "bench_recover": "needs the log of a run",
     "bench_render": "6 s of rendering",
     "bench_row_channel": "a diagnosis of 17 s",
-    "bench_rows": "frames of full size only",
     "bench_sandbox": "needs systemd",
     "bench_second_proof": "two runs of the simulator",
     "bench_share": "needs Samba",
     "bench_start_times": "two experiments of a minute",
     "bench_swallowed": "a diagnosis of a minute",
 }
-"""Benchmarks that are imported only, and why."""
+"""Benchmarks that are imported only, and why; what they call is compared with what there is."""
 
 
 @pytest.fixture(autouse=True)
@@ -101,5 +105,50 @@ def test_the_daemon_accepts_the_plan(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", IMPORTED)
-def test_the_others_can_be_imported(name: str) -> None:
-    assert importlib.import_module(name).__doc__
+def test_the_others_call_what_there_is(name: str) -> None:
+    assert broken_uses(importlib.import_module(name)) == []
+
+
+def test_a_call_of_something_else_is_found() -> None:
+    module = types.ModuleType("bench")
+    source = "frames.read_frame(1)\nframes.read_image(2)\nHandClock(1, 2, 3)\nHandClock(ns=1)\nVendor.FEI\nVendor.FIE\n"
+    scope = {"frames": importlib.import_module("semlive.formats"), "HandClock": importlib.import_module("arrivals.scene").HandClock}
+    vars(module).update(scope, Vendor=importlib.import_module("semlive_simulators.exporters.settings").Vendor)
+    assert broken_uses(module, source) == [
+        "1: missing a required argument: 'profile'",
+        "2: no read_image",
+        "3: too many positional arguments",
+        "6: no FIE",
+    ]
+
+
+def broken_uses(module: types.ModuleType, source: str | None = None) -> list[str]:
+    """Attributes that modules and classes of ours lack, and calls of theirs that their signatures do not allow."""
+    broken: dict[int, str] = {}
+    for node in ast.walk(ast.parse(inspect.getsource(module) if source is None else source)):
+        if isinstance(node, ast.Attribute) and (owner := _ours(node.value, module)) is not None:
+            if not hasattr(owner, node.attr) and node.attr not in getattr(owner, "__annotations__", {}):
+                broken[node.lineno] = f"no {node.attr}"
+        elif isinstance(node, ast.Call) and callable(called := _ours(node.func, module)):
+            given = {word.arg: None for word in node.keywords if word.arg is not None}
+            if len(given) == len(node.keywords) and not any(isinstance(one, ast.Starred) for one in node.args):
+                try:
+                    inspect.signature(called).bind(*node.args, **given)
+                except TypeError as error:
+                    broken[node.lineno] = str(error)
+                except ValueError:
+                    continue  # a class of C without a signature
+    return [f"{line}: {problem}" for line, problem in sorted(broken.items())]
+
+
+def _ours(node: ast.expr, module: types.ModuleType) -> object | None:
+    """What a name or attribute of a benchmark refers to, if it is a module, class or function of this repository; None for others."""
+    if isinstance(node, ast.Attribute):
+        owner = _ours(node.value, module)
+        found = None if owner is None else getattr(owner, node.attr, None)
+    else:
+        found = vars(module).get(node.id) if isinstance(node, ast.Name) else None
+    if isinstance(found, types.ModuleType):
+        return found if found.__name__.startswith(PACKAGES) else None
+    is_ours = isinstance(found, (type, types.FunctionType)) and found.__module__.startswith((*PACKAGES, "arrivals", module.__name__))
+    return found if is_ours else None
