@@ -203,13 +203,13 @@ def speed(pairs: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]], grid: G
             say(f"{what}, {count} threads (median {np.median(values):.3f})", min(values), unit, bar and f"bar {bar}")
 
 
-def accuracy(images: tuple[NDArray[np.float64], NDArray[np.float64]], grid: Grid) -> None:
+def accuracy(rendered: tuple[NDArray[np.float64], NDArray[np.float64]], grid: Grid) -> None:
     """Errors of single pairs; `bench_dic_accuracy.py` pools many."""
     true_u, true_v = STRAIN.at(*grid.mesh())
-    gradient = np.gradient(images[0], axis=1)
+    gradient = np.gradient(rendered[0], axis=1)
     sum_x = np.mean(gradient**2) * SETTINGS.subset_px**2
     for noise in (0.0, 2.0, 5.0, 7.0):
-        first, second = (expose(image, noise, seed) for seed, image in enumerate(images))
+        first, second = (expose(image, noise, seed) for seed, image in enumerate(rendered))
         reference = dic.prepare(first, grid, SETTINGS)
         current = images.to_float32_grey(second)
         interpolator = images.interpolator(current, ORDER[SETTINGS.interpolation])
@@ -293,11 +293,16 @@ def main() -> None:
     start = time.perf_counter()
     dic.warm_up(SETTINGS)
     sys.stdout.write(f"warm-up {time.perf_counter() - start:.1f} s\n")
-    speckle = Speckle(*FRAME)
+    smoke = "smoke" in sys.argv[1:]
+    frame = (320, 276) if smoke else FRAME
+    speckle = Speckle(*frame)
     images = speckle.render(), speckle.render(STRAIN)
-    grid = dic.grid_for(SETTINGS, *FRAME)
+    grid = dic.grid_for(SETTINGS, *frame)
     pairs = {noise: (expose(images[0], noise, 0), expose(images[1], noise, 1)) for noise in (2, 5)}
     speed(pairs, grid)
+    if smoke:
+        accuracy(images, grid)
+        return
     scaling(pairs[2], grid)
     with tempfile.TemporaryDirectory() as folder:
         memory(pairs[2], Path(folder))

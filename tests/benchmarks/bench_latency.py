@@ -1,6 +1,6 @@
 """How exact the hold is and how long a result takes, from the logs of real runs of the daemon on the bench.
 
-    python tests/benchmarks/bench_latency.py [--poll-s 1 --stable-for-s 2] [--full-rate 40]
+    python tests/benchmarks/bench_latency.py [--poll-s 1 --stable-for-s 2] [--no-events] [--full-rate 40]
 
 The first run is at rate 1, a second of experiment for a second of wall time, as at an instrument: small frames, the 30 s hold, about
 4 minutes. The second has frames of the paper's size (1024 x 884 px, 18,000 points); at rate 1 it would take 40 minutes, so it runs
@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from daemon_plans import check_plan
 
 from semlive.cli.before_run.demo import daemon_config
 from semlive.cli.shared.simulator import running_simulator
@@ -71,7 +72,7 @@ class Log:
         return found
 
 
-def run(scenario: str, rate: float, folder: Path, sem: dict[str, float], *, triggered: bool = False) -> Log:
+def run(scenario: str, rate: float, folder: Path, sem: dict[str, Any], *, triggered: bool = False) -> Log:
     """A whole run of the daemon; its log."""
     folder.mkdir()
     path = folder / "scenario.yaml"
@@ -96,7 +97,8 @@ def full_scenario(pairs: int) -> str:
     shifts = [list(CROSS_PX[n % len(CROSS_PX)]) for n in range(min(len(CROSS_PX), pairs - 3))]
     loads_n = [round(100.0 + step, 1) for step in np.linspace(0.0, TOP_N - 100.0, pairs - len(shifts)).tolist()]
     protocol = {"calibration_shifts_px": shifts, "translation_shifts_px": [], "loads_n": loads_n, "recentre_beyond_px": 10.0}
-    return yaml.safe_dump({"extends": "paper_x200", "experiment": {"protocol": protocol}})
+    limits = {"force_step_max_n": max(600.0, *np.ceil(np.diff(loads_n)).tolist())}
+    return yaml.safe_dump({"extends": "paper_x200", "experiment": {"protocol": protocol, "limits": limits}})
 
 
 def holds_s(log: Log) -> list[float]:
@@ -170,8 +172,15 @@ def main() -> None:
     parser.add_argument("--full-rate", type=float, default=40.0, help="experiment seconds per wall second with full-size frames")
     parser.add_argument("--pairs", type=int, default=8, help="of the run with full-size frames; the 99th percentile asks for 100")
     parser.add_argument("--continuous", action="store_true", help="full-size frames are scanned all the time, not when asked")
+    parser.add_argument("--no-events", action="store_true", help="the folder is scanned at its interval only")
+    parser.add_argument("--small-only", action="store_true", help="only the run at rate 1")
+    parser.add_argument("--smoke", action="store_true", help="only check that the daemon accepts both plans")
     options = parser.parse_args()
-    sem = {"poll_s": options.poll_s, "stable_for_s": options.stable_for_s}
+    sem: dict[str, Any] = {"poll_s": options.poll_s, "stable_for_s": options.stable_for_s, "file_events": not options.no_events}
+    if options.smoke:
+        for scenario in (SMALL, *(full_scenario(pairs) for pairs in (options.pairs, 105))):
+            check_plan(scenario, options.full_rate, lambda config: config | {"sem": config["sem"] | sem})
+        return
     with tempfile.TemporaryDirectory(prefix="semlive-latency-") as folder:
         small = run(SMALL, 1.0, Path(folder) / "small", sem)
         table(
@@ -185,6 +194,8 @@ def main() -> None:
                 ("analysis of a pair by itself", analyses_s(small)),
             ],
         )
+        if options.small_only:
+            return
         full = run(full_scenario(options.pairs), options.full_rate, Path(folder) / "full", {}, triggered=not options.continuous)
         scans = "all the time" if options.continuous else "when asked"
         rows, points = results_s(full), full.of("/dic/summary")[0][1]["points"]

@@ -41,7 +41,7 @@ class RowMotion:
 
 def main() -> None:
     """Run and print."""
-    width, height = 1024, 884
+    width, height = (256, 221) if "smoke" in sys.argv[1:] else (1024, 884)
     speckle = Speckle(width, height)
     settings = DicSettings()
     grid = dic.grid_for(settings, width, height)

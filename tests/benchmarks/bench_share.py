@@ -26,7 +26,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from bench_watch import GIVE_UP_S, SCENES, SIDECAR_S, HandClock, Scene, Steps, overwritten_unseen, wrong_verdicts
+from arrivals.patterns import SCENES, overwritten_unseen
+from arrivals.scene import GIVE_UP_S, SIDECAR_S, HandClock, Scene, Steps, wrong_verdicts
 
 ADDRESS = "127.0.0.45"
 _SERVER = """

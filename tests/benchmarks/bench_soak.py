@@ -189,13 +189,17 @@ def _old_run(folder: Path, name: str) -> None:
         os.utime(path, (ended_s, ended_s))
 
 
+def scenario(pairs: int, frame_s: float) -> str:
+    """The scenario of so many pairs, YAML."""
+    shifts = [list(SHIFTS[number % len(SHIFTS)]) for number in range(pairs - 2)]
+    protocol = {"calibration_shifts_px": shifts, "translation_shifts_px": [], "loads_n": [100, 600]}
+    return yaml.safe_dump({**SCENARIO, "scan": {**SCENARIO["scan"], "frame_time_s": frame_s}, "experiment": {"protocol": protocol}})
+
+
 def measure(asked: Asked, folder: Path) -> dict[str, Any]:
     """One run from begin to end."""
     pairs, rate = asked.pairs, asked.rate
-    shifts = [list(SHIFTS[number % len(SHIFTS)]) for number in range(pairs - 2)]
-    protocol = {"calibration_shifts_px": shifts, "translation_shifts_px": [], "loads_n": [100, 600]}
-    scenario = {**SCENARIO, "scan": {**SCENARIO["scan"], "frame_time_s": asked.frame_s}, "experiment": {"protocol": protocol}}
-    (folder / "soak.yaml").write_text(yaml.safe_dump(scenario), encoding="utf-8")
+    (folder / "soak.yaml").write_text(scenario(pairs, asked.frame_s), encoding="utf-8")
     with running_simulator(str(folder / "soak.yaml"), folder / "bench", rate) as bench, pruning(folder / "log") as pruned:
         config = daemon_config(bench, rate)
         config["run"] |= {"name": "soak", "segment_gb": 0.05}

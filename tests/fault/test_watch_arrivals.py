@@ -22,7 +22,8 @@ from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from bench_watch import HandClock, measure
+from arrivals.scene import HandClock
+from bench_watch import measure
 
 SCAN = dataclasses.replace(load_scenario("paper_x200").scan, width_px=32, height_px=24, frame_time_s=0.108)
 

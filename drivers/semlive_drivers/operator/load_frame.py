@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,7 +17,9 @@ from semlive.ports import ClockSource
 from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings, compose
 from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
 from semlive_drivers.device_part import Part, PartCommand, PartReading, Stops
+from semlive_drivers.modbus import load_frame as modbus
 from semlive_drivers.operator.console import TERMINAL, Console
+from semlive_drivers.operator.rehearsal import RehearsedLoadFrame
 from semlive_drivers.settings import checked
 
 _CHANGE_WITHIN_S = 0.5
@@ -36,6 +39,8 @@ class OperatorFrameSettings(BaseModel):
     """Name of that program in requests to the operator."""
     arrived_n: float = Field(default=5.0, gt=0)
     """Distance from the target load at which the motion ends; with a file, no confirmation is required."""
+    rehearsal: dict[str, Any] | None = None
+    """Settings of the `modbus` driver for a simulated load frame that obeys the answers, as in `semlive demo --operator`."""
 
 
 class OperatorOrders:
@@ -213,7 +218,9 @@ class MonitoredLoadFile:
         """Do nothing: nothing is open."""
 
 
-def open_load_frame(settings: Mapping[str, object], clock: ClockSource, *, console: Console = TERMINAL) -> CompositeLoadFrame:
+def open_load_frame(
+    settings: Mapping[str, object], clock: ClockSource, *, console: Console = TERMINAL
+) -> CompositeLoadFrame | RehearsedLoadFrame:
     """A load frame that the operator moves on requests at the terminal.
 
     Raises:
@@ -228,4 +235,5 @@ def open_load_frame(settings: Mapping[str, object], clock: ClockSource, *, conso
     parts: list[Part] = [drive]
     if config.load_file is not None:
         parts.insert(0, MonitoredLoadFile(CsvLoadFile(config.load_file, clock), drive, config.arrived_n))
-    return compose(parts, frame_settings, clock)
+    hand = compose(parts, frame_settings, clock)
+    return hand if config.rehearsal is None else RehearsedLoadFrame(hand, modbus.open_load_frame(config.rehearsal, clock))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -11,7 +12,9 @@ from semlive.data.loading import DeviceIdentity, MotionState, StageKind, StageSa
 from semlive.errors import BadConfig
 from semlive.inputs.kinds import changed_kind
 from semlive.ports import ClockSource
+from semlive_drivers.modbus import stage as modbus
 from semlive_drivers.operator.console import TERMINAL, Console
+from semlive_drivers.operator.rehearsal import RehearsedStage
 
 
 class OperatorSettings(BaseModel):
@@ -23,6 +26,8 @@ class OperatorSettings(BaseModel):
     """Edge of a pixel on the specimen, for requests in pixels as well; None requests micrometres only."""
     kind: StageKind = StageKind.SPECIMEN
     """What it moves: the specimen, or the beam."""
+    rehearsal: dict[str, Any] | None = None
+    """Settings of the `modbus` driver for a simulated stage that obeys the answers, as in `semlive demo --operator`."""
 
 
 def move_instruction(dx_um: float, dy_um: float, kind: StageKind, um_per_px: float | None) -> str:
@@ -103,7 +108,7 @@ class OperatorStage:
         return True
 
 
-def open_stage(settings: Mapping[str, object], clock: ClockSource, *, console: Console = TERMINAL) -> OperatorStage:
+def open_stage(settings: Mapping[str, object], clock: ClockSource, *, console: Console = TERMINAL) -> OperatorStage | RehearsedStage:
     """A stage that the operator moves on requests at the terminal.
 
     Raises:
@@ -118,4 +123,5 @@ def open_stage(settings: Mapping[str, object], clock: ClockSource, *, console: C
     changed = changed_kind(settings, config)
     if changed is not None:
         raise BadConfig(f"operator stage: {'.'.join(map(str, changed[0]))}: {changed[1]}")
-    return OperatorStage(config, clock, console)
+    hand = OperatorStage(config, clock, console)
+    return hand if config.rehearsal is None else RehearsedStage(hand, modbus.open_stage(config.rehearsal, clock))

@@ -34,6 +34,10 @@ def demo(
     ] = None,
     triggered: Annotated[bool, typer.Option("--triggered", help="The microscope scans on a trigger; otherwise continuously.")] = False,
     rtu: Annotated[bool, typer.Option("--rtu", help="Load frame and stage use Modbus RTU on one serial line; not on Windows.")] = False,
+    operator: Annotated[
+        bool,
+        typer.Option("--operator", help="Rehearsal: you answer the questions, here or on the page; the simulator obeys."),
+    ] = False,
 ) -> None:
     """Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth."""
     began, console = time.monotonic(), Console()
@@ -42,12 +46,15 @@ def demo(
     if folder.exists() and any(folder.iterdir()):
         raise BadInput(f"{folder}: the folder is not empty; give --out a new folder")
     console.print(f"starting the simulated microscope, load frame and stage; everything goes to {folder}")
-    with running_simulator(
-        scenario or ("short" if short else "paper_x200"), folder / "instrument", rate, triggered=triggered, rtu=rtu
-    ) as bench:
+    if operator:
+        console.print(_REHEARSAL)
+        rate = rate or _REHEARSAL_RATE
+    name = scenario or _SCENARIOS[operator, short]
+    with running_simulator(name, folder / "instrument", rate, triggered=triggered, rtu=rtu) as bench:
         config = folder / "run.yaml"
-        config.write_text(yaml.safe_dump(daemon_config(bench, bench["rate"]), sort_keys=False), encoding="utf-8")
-        code = _daemon(config)
+        content = daemon_config(bench, bench["rate"])
+        config.write_text(yaml.safe_dump(moved_by_hand(content, bench["rate"]) if operator else content, sort_keys=False), encoding="utf-8")
+        code = _daemon(config, *(["--attended"] if operator else ["--stop-on-fault"]))
         truth_file = Path(bench["truth_file"])
     if code != 0:
         raise SemliveError(f"the daemon ended with exit code {code}; its log is in {folder / 'log'}")
@@ -55,6 +62,14 @@ def demo(
     console.print(f"done in {time.monotonic() - began:.0f} s; try: semlive replay {folder / 'log' / 'demo'}")
 
 
+_SCENARIOS = {(False, False): "paper_x200", (False, True): "short", (True, False): "rehearsal", (True, True): "rehearsal_short"}
+"""Scenario by (rehearsal of an operator, short run)."""
+_REHEARSAL_RATE = 5.0
+_PATIENCE_S = 3600.0
+"""Wall time for which a rehearsal waits for an answer, s."""
+_REHEARSAL = """rehearsal: only the simulated instrument moves. Requests for moves and loads appear here and on the page. Answer as at
+the instrument: Enter when the specimen is moved, the load in N when it is reached. The simulated instrument then does
+what your answer states. Type pause, resume or stop at any time. Try a wrong answer too."""
 _SHIFTED: dict[str, dict[str, object]] = {"stage": {"kind": "specimen"}, "beam_shift": {"kind": "beam", "first_register": 400}}
 """Registers of the simulated bench that shift the field of view: those of the stage (the default of the driver) or of the beam shift."""
 
@@ -88,9 +103,26 @@ def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
     }
 
 
-def _daemon(config: Path) -> int:
+def moved_by_hand(config: dict[str, Any], rate: float) -> dict[str, Any]:
+    """A configuration of `daemon_config` with a person in place of the interfaces of load frame and stage, which obey the answers.
+
+    Args:
+        config: the configuration for the simulated bench.
+        rate: seconds of experiment per second of wall time.
+    """
+    pixel_um, frame, stage = config["sem"]["pixel_size_um"], config["load_frame"], config["stage"]
+    program = "the load frame's program"
+    return {
+        **config,
+        "load_frame": {**frame, "driver": "operator", "settings": {"program": program, "rehearsal": frame["settings"]}},
+        "stage": {**stage, "driver": "operator", "settings": {"um_per_px": pixel_um, "rehearsal": stage["settings"]}},
+        "protocol": {**config["protocol"], "motion_timeout_s": _PATIENCE_S * rate},
+    }
+
+
+def _daemon(config: Path, *options: str) -> int:
     """Run the daemon in the foreground; the daemon handles Ctrl-C, and this process waits until it has stopped the load frame."""
-    process = subprocess.Popen([sys.executable, "-m", "semlive", "run", str(config), "--stop-on-fault"])
+    process = subprocess.Popen([sys.executable, "-m", "semlive", "run", str(config), *options])
     while True:
         try:
             return process.wait()

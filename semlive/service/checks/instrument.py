@@ -48,7 +48,8 @@ def export_folder(config: Config) -> Iterator[Finding]:
     if kind in NETWORK_FILE_SYSTEMS:
         yield Finding("its arrivals", f"a network share ({kind}), which sends no events; checked every {poll_s:g} s", Verdict.OK)
     else:
-        yield Finding("its arrivals", f"a folder of this computer ({kind or 'unknown kind'}), checked every {poll_s:g} s", Verdict.OK)
+        how = "checked at events and" if config.sem.file_events else "checked"
+        yield Finding("its arrivals", f"a folder of this computer ({kind or 'unknown kind'}), {how} every {poll_s:g} s", Verdict.OK)
     yield _folder_clock(config)
 
 

@@ -73,6 +73,7 @@ class Config(Section):
         return WatchSettings(
             folder=sem.folder,
             poll_s=sem.poll_s,
+            use_events=sem.file_events,
             stable_for_s=sem.stable_for_s,
             vendor=sem.vendor,
             sidecar_timeout_s=sem.sidecar_timeout_s,

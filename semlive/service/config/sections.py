@@ -73,8 +73,11 @@ class SemSection(Section):
     pixel_size_um: float = Field(gt=0)
     """Converts shifts in px into stage motion; the analysis uses the pixel size of the file if there is one."""
     poll_s: float = Field(default=1.0, gt=0)
+    """Interval at which the folder is scanned if no file-system event arrives, s of wall time."""
+    file_events: bool = True
+    """File-system events wake the scan of the folder; network shares send none."""
     stable_for_s: float = Field(default=2.0, gt=0)
-    """Time without change after which a file counts as complete, s of wall time."""
+    """Time without change after which a file counts as complete whose bytes do not prove it, s of wall time."""
     vendor: Literal["fei", "zeiss", "tescan", "jeol", "hitachi"] | None = None
     """Vendor of the files: a file counts as complete only with the header of this vendor, or with its text file (JEOL, Hitachi)."""
     sidecar_timeout_s: float = Field(default=60.0, gt=0)

@@ -25,6 +25,7 @@ class AcceptedFiles:
         listing: the folder, with the registry of processed files.
         reader: reads files whose times have changed.
         on_notice: callback with one sentence about a gap in numbers or a late sidecar.
+        on_late_sidecar: callback when a sidecar came after its image was accepted.
         reject: rejects a file by name, key, reason and digest.
         next_export: number of the next accepted file.
     """
@@ -36,6 +37,7 @@ class AcceptedFiles:
     on_notice: Callable[[str], None]
     reject: Callable[[str, Key, str, str], None]
     next_export: int
+    on_late_sidecar: Callable[[], None]
     _without_sidecar: dict[str, int] = field(default_factory=dict)
     _changing: dict[str, int] = field(default_factory=dict)
     _numbering: FileNumbering = field(default_factory=FileNumbering)
@@ -65,6 +67,10 @@ class AcceptedFiles:
         if notice is not None:
             self.on_notice(notice)
 
+    def is_copy(self, data: bytes) -> bool:
+        """Whether an accepted file has these bytes."""
+        return self.listing.registry.same_content(hashlib.sha256(data).hexdigest()) is not None
+
     def check_sidecars(self, now_ns: int) -> None:
         """Report text files that arrived after their images were accepted without them."""
         for name, accepted_ns in list(self._without_sidecar.items()):
@@ -72,6 +78,7 @@ class AcceptedFiles:
             if sidecar is not None and registered is not None:
                 arrival = f"{printable_name(sidecar[0])} came after {printable_name(name)} {registered.description} without it"
                 self.on_notice(f"{arrival}; name the SEM in sem.vendor, so that the text is waited for.")
+                self.on_late_sidecar()
             if sidecar is not None or now_ns - accepted_ns >= self.settings.sidecar_timeout_s * 1e9:
                 del self._without_sidecar[name]
 

@@ -3,7 +3,8 @@
 No file-system event means "complete": programs open a file several times, write it slowly, preallocate it or restore its modification time,
 and network shares send no events. Therefore the folder is scanned. A file is complete when its size and times have been constant for some
 time, its structure is complete (`semlive.formats.check_complete`), it has the header of its vendor, its sidecar and its last rows
-(`semlive.formats.check_finished`), and all of this is unchanged after the file was read.
+(`semlive.formats.check_finished`), and all of this is unchanged after the file was read. The time is short for a file whose bytes prove
+that they are all written (`semlive.formats.prove_complete`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from semlive.errors import BadConfig
 from semlive.formats import SIDECAR_VENDORS, check_complete, check_finished, ends_like_partial_file
 from semlive.ports import ClockSource
 from semlive.service.watch.accepted_files import AcceptedFiles
+from semlive.service.watch.byte_proofs import ByteProofs
 from semlive.service.watch.candidates import Candidate, Candidates
 from semlive.service.watch.file_locks import is_locked_error, open_elsewhere
 from semlive.service.watch.file_reader import FileReader, StillReading
@@ -45,6 +47,7 @@ class ExportFolder:
         on_replaced: callback with one sentence when another folder replaces it; its files are accepted only after `accept`.
         is_open_elsewhere: whether another program still writes a file, where the system reports it.
         reader: reads the files.
+        news: number of new and changed files that the scans have found.
     """
 
     settings: WatchSettings
@@ -56,17 +59,21 @@ class ExportFolder:
     is_open_elsewhere: Callable[[Path], bool] = open_elsewhere
     on_replaced: Callable[[str], None] = ignore
     reader: FileReader = field(default_factory=FileReader)
+    news: int = 0
     _listing: FolderListing = field(init=False)
     _candidates: Candidates = field(init=False)
     _accepted: AcceptedFiles = field(init=False)
+    _proofs: ByteProofs = field(init=False)
     _is_unavailable: bool = False
     _scanned_ns: int | None = None
 
     def __post_init__(self) -> None:
         self._listing = FolderListing(self.settings, FileRegistry(), self._reject_irregular)
         self._candidates = Candidates(self.settings, self.clock, self._listing, self._reject)
+        self._proofs = ByteProofs(self.settings.profile)
         self._accepted = AcceptedFiles(
-            self.settings, self.clock, self._listing, self.reader, self.on_notice, self._reject, self.settings.first_export
+            *(self.settings, self.clock, self._listing, self.reader, self.on_notice, self._reject, self.settings.first_export),
+            self._proofs.await_texts,
         )
 
     def open(self) -> None:
@@ -106,9 +113,20 @@ class ExportFolder:
         self._accepted.check_sidecars(now_ns)
         self._accepted.check_changed(listing.changed, now_ns)
         for name, key in listing.new.items():
-            self._candidates.observe(name, key, now_ns, is_timely)
+            if self._candidates.observe(name, key, now_ns, is_timely):
+                self.news += 1
+                if self.reader.is_hanging:
+                    self.reader.forget(self.settings.folder / name)  # its read began before the change
         for name in self._candidates.stable(now_ns):
             self._try(name, now_ns)
+        for name in self._candidates.provable(now_ns):
+            self._try_at_once(name, now_ns)
+
+    def next_due_s(self) -> float | None:
+        """Return the seconds until a file may be complete if it does not change, or None."""
+        now_ns = self.clock.mono_ns()
+        due_ns = self._candidates.next_due_ns(now_ns)
+        return None if due_ns is None else (due_ns - now_ns) / 1e9
 
     def accept(self) -> None:
         """Continue with the present folder; its existing files do not belong to this run.
@@ -150,7 +168,7 @@ class ExportFolder:
             if is_locked_error(exc):
                 self._hold_back(name, candidate, now_ns)
                 return
-            self._wait(name, candidate, now_ns, f"cannot be read ({exc.strerror})")
+            self._candidates.retry_later(name, candidate, now_ns, f"cannot be read ({exc.strerror})")
             return
         candidate.reading_since_ns = None
         if data is None or (sidecar is None and candidate.sidecar is not None):
@@ -160,17 +178,42 @@ class ExportFolder:
 
     def _check(self, name: str, candidate: Candidate, data: bytes, sidecar: bytes | None, now_ns: int) -> None:
         """Accept a file that was read if it is complete and finished."""
-        key, number = candidate.key, self._accepted.next_export
-        file = ExportedFile(number, printable_name(name), data, "", key[1], self.clock.now_ns(), sidecar, candidate.settled_time_ns)
+        file = self._file(name, candidate, data, sidecar)
         problem = check_complete(data) or check_finished(file, self.settings.profile, self.settings.vendor)
         if problem is not None:
-            self._wait(name, candidate, now_ns, f"never became complete ({problem})")
+            self._candidates.retry_later(name, candidate, now_ns, f"never became complete ({problem})")
             return
         if ends_like_partial_file(data) and now_ns - candidate.since_ns < self.settings.give_up_after_s * 1e9:
             candidate.next_try_ns = now_ns + (now_ns - candidate.since_ns) // 4
             return
+        self._proofs.awaited(file)
         self._candidates.remove(name)
-        self._accepted.add(name, key, file, self.on_file)
+        self._accepted.add(name, candidate.key, file, self.on_file)
+
+    def _try_at_once(self, name: str, now_ns: int) -> None:
+        """Accept a file if its bytes prove that it is complete; only time can prove that a text file is."""
+        candidate, path = self._candidates[name], self.settings.folder / name
+        if candidate.sidecar is not None or self.settings.vendor in SIDECAR_VENDORS or candidate.key[0] > self.settings.max_bytes:
+            return
+        if self.is_open_elsewhere(path):
+            self._hold_back(name, candidate, now_ns)
+            return
+        try:
+            data = self._read_unchanged(name, candidate.key)
+        except (OSError, StillReading):
+            self.reader.forget(path)
+            return
+        if data is None or check_complete(data) is not None:
+            return
+        file = self._file(name, candidate, data, None)
+        is_finished = check_finished(file, self.settings.profile, self.settings.vendor) is None
+        if is_finished and not self._accepted.is_copy(data) and self._proofs.accepts(file):
+            self._candidates.remove(name)
+            self._accepted.add(name, candidate.key, file, self.on_file)
+
+    def _file(self, name: str, candidate: Candidate, data: bytes, sidecar: bytes | None) -> ExportedFile:
+        settled_ns, number = candidate.settled_time_ns, self._accepted.next_export
+        return ExportedFile(number, printable_name(name), data, "", candidate.key[1], self.clock.now_ns(), sidecar, settled_ns)
 
     def _read_unchanged(self, name: str, key: Key) -> bytes | None:
         """Return the bytes of a file; None if it changed during reading."""
@@ -197,14 +240,6 @@ class ExportFolder:
             waited_s = (now_ns - since_ns) / 1e9
             state = f"{printable_name(name)}: another program has had it open for {waited_s:.0f} s"
             self.on_notice(f"{state}; it is taken when that lets go of it.")
-
-    def _wait(self, name: str, candidate: Candidate, now_ns: int, problem: str) -> None:
-        waited_ns = now_ns - candidate.since_ns
-        if waited_ns >= self.settings.give_up_after_s * 1e9:
-            self._candidates.give_up(name, candidate, f"{problem}; check the export and the permissions, then export again")
-        else:
-            # A large incomplete file is not read again at every scan.
-            candidate.next_try_ns = now_ns + waited_ns // 4
 
     def _reject_irregular(self, name: str) -> None:
         self._reject(name, (0, 0, 0, 0), "is not a regular file, so it is not read; export into a folder of its own")

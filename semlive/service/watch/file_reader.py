@@ -83,6 +83,11 @@ class FileReader:
             raise StillReading
         return future.result()
 
+    @property
+    def is_hanging(self) -> bool:
+        """Whether the read of any file is pending."""
+        return bool(self._pending)
+
     def forget(self, path: Path) -> None:
         """Discard the pending read of a file."""
         future = self._pending.pop(path, None)

@@ -11,15 +11,18 @@ from semlive.data.frame import ExportedFile
 from semlive.ports import ClockSource
 from semlive.service.runtime.memory import trim_heap
 from semlive.service.watch.export_folder import ExportFolder, ignore
+from semlive.service.watch.folder_events import FolderEvents
 from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 
 _TRIM_EVERY_S = 5.0  # a trim takes 0.2 to 1 ms
+_MIN_PAUSE_S = 0.01
+_MIN_PAUSE_SCANS = 1.0  # duration of the pause after a scan in durations of the scan, so that frequent events do not keep a processor busy
 
 
 class FolderWatcher:
     """Scans the export folder in a separate thread and passes on each complete file once.
 
-    Callbacks run in that thread. File-system events may `wake` it early; they never replace a scan.
+    Callbacks run in that thread. File-system events wake it early; they never replace a scan.
 
     Args:
         settings: what is watched.
@@ -51,6 +54,7 @@ class FolderWatcher:
         self._stop = threading.Event()
         self._failed = threading.Event()
         self._folder.open()
+        self._events = FolderEvents(settings.folder, self.wake, on_notice) if settings.use_events else None
         self._thread = threading.Thread(target=self._run, name="watch", daemon=True)
 
     def start(self) -> None:
@@ -80,18 +84,30 @@ class FolderWatcher:
 
     def _run(self) -> None:
         trimmed_s = time.monotonic()
+        is_woken, events = False, self._events
         try:
+            if events is not None:
+                events.start()
             while not self._stop.is_set():
                 if self._accepts.is_set():
                     self._accepts.clear()
                     with contextlib.suppress(OSError):  # it is unavailable again, which `poll` reports
                         self._folder.accept()
+                started_s, news = time.monotonic(), self._folder.news
                 self._folder.poll()
+                pause_s = max(_MIN_PAUSE_S, _MIN_PAUSE_SCANS * (time.monotonic() - started_s))
+                wait_s = min(self._poll_s, self._folder.next_due_s() or self._poll_s)
+                if events is not None:
+                    events.follow(is_woken=is_woken, has_news=self._folder.news > news)
                 if time.monotonic() - trimmed_s > _TRIM_EVERY_S:  # no other thread waits for this one
                     trim_heap()
                     trimmed_s = time.monotonic()
-                self._wake.wait(self._poll_s)
+                self._stop.wait(pause_s)
+                is_woken = self._wake.wait(max(wait_s - pause_s, 0.0))
                 self._wake.clear()
         except Exception as exc:
             self._failed.set()
             self._on_trouble(f"the watch of the export folder failed ({type(exc).__name__}: {exc}); stop the run and report this.")
+        finally:
+            if events is not None:
+                events.close()

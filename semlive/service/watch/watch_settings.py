@@ -15,7 +15,9 @@ class WatchSettings:
 
     Attributes:
         folder: export folder of the SEM.
-        poll_s: wall seconds between scans.
+        poll_s: wall seconds between scans, if nothing wakes them.
+        use_events: file-system events wake the scan.
+        proof_after_s: wall seconds without change of a file whose bytes prove that it is complete; above the resolution of its times.
         stable_for_s: wall seconds for which size and times must be constant.
         stable_polls: number of scans for which they must be constant.
         give_up_after_s: wall seconds after which a constant but unreadable file is rejected.
@@ -31,6 +33,8 @@ class WatchSettings:
 
     folder: Path
     poll_s: float = 1.0
+    use_events: bool = True
+    proof_after_s: float = 0.02
     stable_for_s: float = 2.0
     stable_polls: int = 2
     give_up_after_s: float = 30.0

@@ -112,6 +112,7 @@ def overwritten(lab: Lab) -> Observation:
     data, _ = lab.picture()
     path.write_bytes(data)
     reason = refusal(lab, "same.tif", "was overwritten")
+    time.sleep(0.5)  # the next scan begins after this one
     goes_on(lab, 1)
     return Observation(reason)
 

@@ -31,7 +31,7 @@ def test_scenarios_say_what_the_paper_says(name: str) -> None:
 
 
 def test_every_scenario_that_comes_along_can_be_read() -> None:
-    assert names() == ["paper_x10000", "paper_x200", "paper_x200_fig11", "short"]
+    assert names() == ["paper_x10000", "paper_x200", "paper_x200_fig11", "rehearsal", "rehearsal_short", "short"]
     for name in names():
         assert load_scenario(name).name == name
 

@@ -1,0 +1,129 @@
+"""The rehearsal as a person takes it: at a terminal, with Enter, loads, and answers that are wrong at first."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from semlive.service.log.files import messages
+
+MOVE = re.compile(r"move the specimen about .*?then press enter", re.DOTALL)
+LOAD = re.compile(r"bring the load to ([\d.]+) N at .*?press enter when it is there", re.DOTALL)
+COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+TIMEOUT_S = 500.0
+TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "rehearsal.md"
+
+
+class Person:
+    """Reads a terminal and types."""
+
+    def __init__(self, command: list[str]) -> None:
+        self._terminal, other = pty.openpty()
+        self.process = subprocess.Popen(command, stdin=other, stdout=other, stderr=other)
+        os.close(other)
+        self._text, self._read_to = "", 0
+
+    def read(self) -> str | None:
+        """What is new on the terminal, within 0.2 s; None at its end."""
+        if not select.select([self._terminal], [], [], 0.2)[0]:
+            return self._text[self._read_to :]
+        try:
+            self._text += os.read(self._terminal, 65536).decode(errors="replace")
+        except OSError:
+            return None
+        return self._text[self._read_to :]
+
+    def wait_for(self, pattern: str) -> None:
+        """Read on until a text is on the terminal."""
+        deadline = time.monotonic() + TIMEOUT_S
+        while re.search(pattern, self.read() or "") is None:
+            assert time.monotonic() < deadline, self._text[-2000:]
+        self._read_to += len(self._text[self._read_to :])
+
+    def answer(self, line: str) -> None:
+        """Type a line."""
+        self._read_to = len(self._text)
+        os.write(self._terminal, line.encode() + b"\n")
+
+    def rehearse(self) -> str:
+        """Answer every question, loads first wrongly, to the end of the run; everything that was on the terminal."""
+        deadline = time.monotonic() + TIMEOUT_S
+        while (text := self.read()) is not None and time.monotonic() < deadline:
+            if (asked := LOAD.search(text)) is not None:
+                self.answer("abc")
+                self.wait_for("is no load")
+                self.answer(str(float(asked[1]) - 30.0))
+                self.wait_for("bring it nearer")
+                self.answer(asked[1])
+            elif MOVE.search(text) is not None:
+                self.answer("")
+        self.process.wait(TIMEOUT_S)
+        os.close(self._terminal)
+        return self._text
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    folder: Path
+    code: int
+    said: str
+
+    def logged(self, topic: str) -> list[dict[str, Any]]:
+        return [json.loads(message.payload) for message in messages(self.folder / "log" / "demo") if message.topic == topic]
+
+
+@pytest.fixture(scope="module")
+def rehearsal(tmp_path_factory: pytest.TempPathFactory) -> Rehearsal:
+    folder = tmp_path_factory.mktemp("rehearsal") / "demo"
+    command = [sys.executable, "-m", "semlive", "demo", "--operator", "--short", "--rate", "40", "--out", str(folder)]
+    person = Person(command)
+    said = " ".join(COLOURS.sub("", person.rehearse()).split())
+    return Rehearsal(folder, person.process.returncode, said)
+
+
+@pytest.mark.timeout(600)
+def test_a_person_who_answers_comes_to_the_result(rehearsal: Rehearsal) -> None:
+    assert rehearsal.code == 0, rehearsal.said[-3000:]
+    assert "only the simulated instrument moves" in rehearsal.said
+    assert "recovered and true values" in rehearsal.said
+    assert rehearsal.logged("/state")[-1]["after"] == "complete"
+    assert len(rehearsal.logged("/pair")) == 4
+
+
+@pytest.mark.checkout
+def test_the_tutorial_shows_what_is_asked(rehearsal: Rehearsal) -> None:
+    page = [line.strip() for line in TUTORIAL.read_text(encoding="utf-8").splitlines() if line.startswith("    ")]
+    shown = [line for line in page if line.startswith(("rehearsal:", "in the load frame's", "abc is", "that is"))]
+    assert len(shown) == 4
+    for line in shown:
+        assert line in rehearsal.said, line
+
+
+def test_wrong_answers_end_no_question(rehearsal: Rehearsal) -> None:
+    events = [(one["what"], one["args"]["text"]) for one in rehearsal.logged("/operator") if one["what"] in ("asked", "answered")]
+    assert [what for what, _ in events] == ["asked", "answered"] * 4
+    assert [text for what, text in events if what == "answered"] == ["", "", "100", "300"]
+    assert "that is -30 N from 300 N" in rehearsal.said
+
+
+def test_the_simulator_did_what_was_answered(rehearsal: Rehearsal) -> None:
+    truth = json.loads((rehearsal.folder / "instrument" / "truth.json").read_text(encoding="utf-8"))
+    by_file = {frame["file"]: frame for frame in truth["frames"]}
+    names = {one["export"]: one["name"] for one in rehearsal.logged("/sem/file") if one["decision"] == "arrived"}
+    pairs = [[by_file[names[pair[which]["export"]]] for which in ("first", "second")] for pair in rehearsal.logged("/pair")]
+    for frames, shift_px, load_n in zip(pairs, (0.0, 12.0, 0.0, 0.0), (0.0, 0.0, 100.0, 300.0), strict=True):
+        for frame in frames:
+            assert frame["moving"] is False
+            assert frame["stage_px"][0] == pytest.approx(shift_px, abs=1.5)  # the simulated stage loses 0.8 um of backlash
+            assert frame["load_mean_n"] == pytest.approx(load_n, abs=5.0)
