@@ -15,7 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 OWN = {"semlive", "semlive_drivers", "semlive_simulators"}
 PART_OF = {"pydantic-core": "pydantic"}  # pinned by its whole
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-EXTRAS = {"semlive": ("alerts", "dask", "pandas", "xarray")}  # imported where they are asked for, with a sentence where they are not installed
+EXTRAS = {"semlive": ("alerts", "dask", "pandas", "xarray")}
+"""Imported where they are used, with a clear error where they are not installed."""
 
 pytestmark = pytest.mark.checkout
 
