@@ -18,6 +18,9 @@ SIDECAR_VENDORS = ("jeol", "hitachi")
 """Vendors whose header is always in a sidecar, a text file with the name of the image."""
 
 
+_VENDOR_TAGS = {tiff.Tag.FEI_HELIOS, tiff.Tag.FEI_SFEG, tiff.Tag.FEI_XML, tiff.Tag.ZEISS, tiff.Tag.TESCAN}
+
+
 @dataclass(frozen=True, slots=True)
 class ParsedFile:
     """An exported file after its only parse, without decoded pixels.
@@ -57,17 +60,11 @@ def parse_file(file: ExportedFile, number: int | None = None) -> ParsedFile:
 
 def parse_tiff(file: ExportedFile, page: tiff_pages.Page) -> ParsedFile:
     """Parse the header of a TIFF file: that of the image, or else of the first image of the file."""
-    header = _tiff_header(file.data, page, page.directory) or _tiff_header(file.data, page, page.first) or _external_header(file)
-    return ParsedFile(file, replace(header, notes=header.notes + page.notes), page.width_px, page.rows, page)
-
-
-def _tiff_header(data: bytes, page: tiff_pages.Page, directory: tiff.Directory) -> Header | None:
-    width, rows = page.width_px, page.rows
-    return (
-        fei.read_header(data, directory, width, rows)
-        or zeiss.read_header(data, directory, width, rows)
-        or tescan.read_header(data, directory)
-    )
+    data, width, rows = file.data, page.width_px, page.rows
+    directory = page.directory if _VENDOR_TAGS & page.directory.tags.keys() else page.first
+    header = fei.read_header(data, directory, width, rows) or zeiss.read_header(data, directory, width, rows)
+    header = header or tescan.read_header(data, directory) or _external_header(file)
+    return ParsedFile(file, replace(header, notes=header.notes + page.notes), width, rows, page)
 
 
 def _external_header(file: ExportedFile) -> Header:

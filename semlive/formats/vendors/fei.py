@@ -184,6 +184,7 @@ def _geometry(text: FeiText, area: _Area) -> ScanGeometry:
     angle_rad = number(text.text("EBeam/TiltCorrectionAngle", "Optics/SamplePreTiltAngle"))
     focus = [state for key in ("EBeam/DynamicFocusIsOn", "EBeam/DynamicWDIsOn") if (state := switch(text.text(key))) is not None]
     interlacing = text.number("EScan/ScanInterlacing", "ScanSettings/LineInterlacing")
+    averaging = text.text("Image/DriftCorrected", "BinaryResult/FilterType")
     corrections = ("MagnificationCorrection", "MagnificationSinglePointCorrectionIsOn")
     modes = [text.text("EBeam/LensMode", "Optics/OpticalMode"), *(key for key in corrections if _is_on(text, f"EBeam/{key}"))]
     return ScanGeometry(
@@ -194,7 +195,7 @@ def _geometry(text: FeiText, area: _Area) -> ScanGeometry:
         zoom=from_file(text.number("Image/ZoomFactor")),
         area=text_from_file(area.name),
         interlacing=None if interlacing is None else Sourced(int(interlacing), Provenance.FILE),
-        drift_correction=Sourced(_is_drift_corrected(text), Provenance.FILE),
+        drift_correction=Sourced(_is_drift_corrected(text), Provenance.FILE) if averaging else None,
         mode=text_from_file(", ".join(filter(None, modes))),
     )
 
