@@ -64,7 +64,9 @@ def parse_tiff(file: ExportedFile, page: tiff_pages.Page) -> ParsedFile:
     directory = page.directory if _VENDOR_TAGS & page.directory.tags.keys() else page.first
     header = fei.read_header(data, directory, width, rows) or zeiss.read_header(data, directory, width, rows)
     header = header or tescan.read_header(data, directory) or _external_header(file)
-    return ParsedFile(file, replace(header, notes=header.notes + page.notes), width, rows, page)
+    if page.notes:
+        header = replace(header, notes=header.notes + page.notes)
+    return ParsedFile(file, header, width, rows, page)
 
 
 def _external_header(file: ExportedFile) -> Header:

@@ -21,6 +21,7 @@ _MAX_PAGES = 64
 _LONG_VALUE = 64
 _ZEROS = 16  # more NUL bytes than end a text: one, in real files up to five
 _TYPE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
+_INTEGER_CODES = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}
 _INTEGER_FORMATS = {1: "u1", 3: "u2", 4: "u4", 13: "u4", 16: "u8", 18: "u8"}
 
 
@@ -95,12 +96,15 @@ class Directory:
         kind = _INTEGER_FORMATS.get(self.tags[code].kind) if raw is not None else None
         if raw is None or kind is None:
             return []
-        return [int(number) for number in np.frombuffer(raw, self.order + kind)]
+        return np.frombuffer(raw, self.order + kind).tolist()
 
     def integer(self, data: bytes, code: int, default: int) -> int:
         """Return the first integer of the value of a tag."""
-        numbers = self.integers(data, code)
-        return numbers[0] if numbers else default
+        tag = self.tags.get(code)
+        kind = None if tag is None else _INTEGER_CODES.get(tag.kind)
+        if tag is None or kind is None or tag.count < 1 or tag.offset + tag.nbytes > len(data):
+            return default
+        return struct.unpack_from(self.order + kind, data, tag.offset)[0]
 
 
 def is_tiff(data: bytes) -> bool:

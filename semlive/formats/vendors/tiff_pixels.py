@@ -13,7 +13,6 @@ from enum import IntEnum
 from io import BytesIO
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from semlive.errors import BadImage
@@ -90,6 +89,8 @@ def _check_kind(data: bytes, name: str, directory: Directory, samples: int, comp
 
 
 def _decode(data: bytes, name: str, page: Page, compression: int) -> NDArray[np.generic]:
+    import tifffile  # noqa: PLC0415  (the control process reads headers and decodes no image)
+
     with tifffile.TiffFile(BytesIO(data)) as tiff:
         decoded = tiff.pages[page.index]
         # tifffile applies special rules to some vendors, so the sizes that it will allocate are checked again.

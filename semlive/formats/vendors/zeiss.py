@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, Sourced
@@ -28,6 +29,7 @@ from semlive.formats.metadata.timestamps import Moment, dated
 from semlive.formats.vendors.tiff import Directory, Tag
 
 _MAX_TEXT_BYTES = 2**20
+_KEY_STARTS = ("AP_", "DP_", "SV_")
 _KEY = re.compile(r"(?:AP|DP|SV)_[A-Z0-9_]{1,40}")
 _DISPLAY_PX = 1024
 _PIXEL_SIZE_AT = 3
@@ -84,11 +86,10 @@ def parse(text: str) -> ZeissText:
     """Return lines by key; the first of equal keys is used."""
     lines = [line.strip() for line in text[:_MAX_TEXT_BYTES].split("\0", 1)[0].splitlines()]
     by_key: dict[str, str] = {}
-    first = len(lines)
-    for at in range(len(lines) - 1):
-        if _KEY.fullmatch(lines[at]):
-            by_key.setdefault(lines[at], lines[at + 1])
-            first = min(first, at)
+    for key, line in pairwise(lines):
+        if key.startswith(_KEY_STARTS) and key not in by_key and _KEY.fullmatch(key):
+            by_key[key] = line
+    first = lines.index(next(iter(by_key))) if by_key else len(lines)
     numbers = [number(line) for line in lines[: min(first, 100)]]
     return ZeissText(by_key, tuple(value for value in numbers if value is not None))
 
