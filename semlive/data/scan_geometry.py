@@ -36,7 +36,7 @@ class ScanGeometry:
         area: ``full frame``, or the scanned part of it in px.
         interlacing: passes in which the rows are written; 1: one after the other.
         drift_correction: the microscope shifted the frames before it averaged them.
-        mode: modes of scan and column that have their own distortion, in the words of the file.
+        mode: modes of scan and column that have their own distortion, as named in the file.
     """
 
     tilt_correction: Sourced[bool] | None = None

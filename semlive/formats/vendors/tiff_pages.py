@@ -109,7 +109,7 @@ def _is_marked_copy(data: bytes, directory: Directory) -> bool:
 
 def _is_small_copy(size: tuple[int, int], largest: tuple[int, int]) -> bool:
     (width, rows), (full_width, full_rows) = size, largest
-    half = 2 * width <= full_width and 2 * rows <= full_rows
+    half = 0 < 2 * width <= full_width and 0 < 2 * rows <= full_rows
     return half and abs(width * full_rows - rows * full_width) <= _SAME_PROPORTIONS * width * full_rows
 
 

@@ -76,8 +76,8 @@ def _check_kind(data: bytes, name: str, directory: Directory, samples: int, comp
     formats = set(directory.integers(data, Tag.SAMPLE_FORMAT)) or {1}
     photometric = directory.integer(data, Tag.PHOTOMETRIC, Photometric.RGB if samples > 2 else Photometric.BLACK_IS_ZERO)
     if compression not in _COMPRESSIONS:
-        known = ", ".join(dict.fromkeys(_COMPRESSIONS.values()))
-        raise BadImage(f"{name}: is compressed by method {compression}, which is not read ({known} are); export it uncompressed.")
+        readable = ", ".join(dict.fromkeys(_COMPRESSIONS.values()))
+        raise BadImage(f"{name}: is compressed by method {compression}, which is not read ({readable} are); export it uncompressed.")
     if len(bits) > 1 or not 8 <= min(bits) <= 16 or formats not in ({_UNSIGNED}, {_SIGNED}):
         kinds = " and ".join(_FORMATS.get(code, f"format {code}") for code in sorted(formats))
         raise BadImage(f"{name}: has samples of {', '.join(map(str, sorted(bits)))} bit ({kinds}); export 8 or 16 bit grey.")
