@@ -100,6 +100,13 @@ def test_files_of_libtiff_give_what_libtiff_reads(compression: str, predictor: i
     assert np.array_equal(decoded(data), image)
 
 
+def test_grey_in_jpeg_colours_gives_what_libtiff_reads() -> None:
+    stream = io.BytesIO()
+    Image.fromarray(np.stack([picture(np.uint8)] * 3, axis=2)).save(stream, "TIFF", compression="jpeg", quality=95)
+    other = np.asarray(Image.open(io.BytesIO(stream.getvalue())).convert("L")).astype(int)
+    assert np.abs(decoded(stream.getvalue()).astype(int) - other).max() <= 1
+
+
 def test_jpeg_strips_give_what_libtiff_reads() -> None:
     stream = io.BytesIO()
     Image.fromarray(picture(np.uint8)).save(stream, "TIFF", compression="jpeg", quality=95)
