@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.errors import BadImage
-from semlive.formats.vendors.image_size import MAX_IMAGE_BYTES, check_inflation, check_size
+from semlive.formats.vendors.image_size import check_inflation, check_size
 from semlive.formats.vendors.tiff import Directory, Tag, check_complete
 from semlive.formats.vendors.tiff_pages import Page
 
@@ -53,7 +53,7 @@ def read_pixels(data: bytes, name: str, page: Page) -> NDArray[np.generic]:
     check_size(name, page.width_px, page.rows, samples, -(-bits // 8))
     check_inflation(name, page.width_px * page.rows * samples * bits // 8, len(data), compressed=compression != 1)
     try:
-        pixels = _decode(data, name, page, compression)
+        pixels = _decode(data, name, page, compression, samples)
     except BadImage:
         raise
     except Exception as exc:  # tifffile raises many types of errors on damaged files
@@ -88,7 +88,7 @@ def _check_kind(data: bytes, name: str, directory: Directory, samples: int, comp
     return bits.pop()
 
 
-def _decode(data: bytes, name: str, page: Page, compression: int) -> NDArray[np.generic]:
+def _decode(data: bytes, name: str, page: Page, compression: int, samples: int) -> NDArray[np.generic]:
     import tifffile  # noqa: PLC0415  (the control process reads headers and decodes no image)
 
     with tifffile.TiffFile(BytesIO(data)) as tiff:
@@ -96,7 +96,7 @@ def _decode(data: bytes, name: str, page: Page, compression: int) -> NDArray[np.
         # tifffile applies special rules to some vendors, so the sizes that it will allocate are checked again.
         sample_bytes = 8 if decoded.dtype is None else decoded.dtype.itemsize
         image_bytes, segment_bytes = (math.prod(shape) * sample_bytes for shape in (decoded.shape, decoded.chunks))
-        if len(decoded.shape) not in (2, 3) or image_bytes > MAX_IMAGE_BYTES:
+        if len(decoded.shape) not in (2, 3) or math.prod(decoded.shape) != page.width_px * page.rows * samples:
             raise BadImage(f"{name}: is a stack of shape {decoded.shape}; export single frames.")
         if segment_bytes > max(4 * image_bytes, 2**22):
             raise BadImage(f"{name}: has tiles of {decoded.chunks} px, far more than its image; export it again.")
