@@ -105,6 +105,6 @@ def _through_palette(
         raise BadImage(f"{name}: is in false colours; export grey.")
     full = _WHITE_16 if colours.max() > _WHITE_8 else _WHITE_8  # some programs write 8 bit colour maps
     levels = np.rint(colours[0] * ((size - 1) / full))
-    if np.abs(levels - np.arange(size))[grey].max() <= 1:
+    if (np.abs(levels - np.arange(size))[grey] <= 1).mean() >= _RAMP_FRACTION:  # the others are annotation in black or white
         return indices
     return levels.astype(indices.dtype)[indices]

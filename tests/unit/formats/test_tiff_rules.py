@@ -134,17 +134,27 @@ def test_two_signals_are_refused_and_transparency_is_dropped() -> None:
     assert np.array_equal(grey(pages((both, {"planarconfig": "contig", "extrasamples": ["unassalpha"]}))), speckle(1))
 
 
+def with_palette(red: NDArray[np.integer], green: NDArray[np.integer], blue: NDArray[np.integer]) -> bytes:
+    colours = writer.shorts(320, *(int(level) for band in (red, green, blue) for level in band))
+    entries = [writer.shorts(262, 3) if entry[0] == 262 else entry for entry in plain_entries(compression=1)]
+    return writer.file_bytes([speckle().tobytes()], [*entries, colours], directory_first=True)
+
+
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("white", [255, 65535])
 def test_a_grey_palette_is_applied(turned: bool, white: int) -> None:
-    ramp = np.arange(256, dtype=np.uint16) * (white // 255)
-    entries = [writer.longs(256, 64), writer.longs(257, 48), writer.shorts(258, 8), writer.shorts(259, 1)]
-    entries += [writer.shorts(262, 3), writer.shorts(277, 1), writer.longs(278, 48)]
-    entries.append(writer.shorts(320, *(tuple(int(level) for level in (ramp[::-1] if turned else ramp)) * 3)))
-    data = writer.file_bytes([speckle().tobytes()], entries, directory_first=True)
+    ramp = np.arange(256) * (white // 255)
+    data = with_palette(*[ramp[::-1] if turned else ramp] * 3)
     assert np.array_equal(grey(data), 255 - speckle() if turned else speckle())
     if white > 255:
         assert np.array_equal(np.asarray(Image.open(io.BytesIO(data)).convert("L")), grey(data))
+
+
+def test_entries_of_a_ramp_that_are_annotation_change_no_grey_level() -> None:
+    red, green, blue = (np.arange(256) * 257 for _ in range(3))
+    red[9], green[9], blue[9] = 65535, 0, 0  # as in a file of a Zeiss Ultra 55
+    red[21] = green[21] = blue[21] = 65535
+    assert np.array_equal(grey(with_palette(red, green, blue)), speckle())
 
 
 def plain_entries(compression: int) -> list[writer.Entry]:
