@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -108,8 +109,7 @@ def of_hitachi(**changes: str) -> Header:
         (of_hitachi, {"DigitalZoom": "Yes"}, "scan mode Normal, digital zoom instead of Normal"),
     ],
 )
-def test_each_setting_of_each_vendor_separates_frames(vendor: object, change: dict[str, str], clause: str) -> None:
-    assert callable(vendor)
+def test_each_setting_of_each_vendor_separates_frames(vendor: Callable[..., Header], change: dict[str, str], clause: str) -> None:
     before, after = vendor().geometry, vendor(**change).geometry
     assert geometry_difference(before, before) is None
     assert clause in (geometry_difference(before, after) or "")
