@@ -6,7 +6,10 @@ from dataclasses import dataclass, field
 
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, Sourced
+from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.metadata.timestamps import Moment
+
+_STATES = {**dict.fromkeys(("on", "yes", "true"), True), **dict.fromkeys(("off", "no", "false"), False)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +33,7 @@ class Header:
         pixel_size_m: edge of a pixel.
         embedded: date and time in the file.
         column: settings of the microscope.
+        geometry: settings of the scan that change the geometry of the image.
         refused: reason why the image must not be used, without the name of the file.
         notes: unusual properties, one sentence each.
     """
@@ -50,6 +54,7 @@ class Header:
     pixel_size_m: Sourced[float] | None = None
     embedded: Moment | None = None
     column: ColumnSettings = field(default_factory=ColumnSettings)
+    geometry: ScanGeometry = field(default_factory=ScanGeometry)
     refused: str | None = None
     notes: tuple[str, ...] = ()
 
@@ -62,6 +67,12 @@ def from_file(value: float | None) -> Sourced[float] | None:
 def text_from_file(value: str) -> Sourced[str] | None:
     """Return a text of the file with its provenance, shortened to 80 characters."""
     return Sourced(value[:80], Provenance.FILE) if value else None
+
+
+def switch(text: str | None) -> Sourced[bool] | None:
+    """Return the state of a switch with its provenance; None for texts that state none."""
+    state = _STATES.get((text or "").strip().lower())
+    return None if state is None else Sourced(state, Provenance.FILE)
 
 
 def derived(value: float | None) -> Sourced[float] | None:

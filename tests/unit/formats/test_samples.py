@@ -92,6 +92,24 @@ def test_helios(samples: Path, bits: int) -> None:
         read_frame(file, ScanProfile())
 
 
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("tfs_example.tif", {"tilt_correction": False, "dynamic_focus": False, "zoom": 1.0, "area": "full frame", "mode": "Field-Free"}),
+        ("zeiss_example_sem.tif", {"tilt_correction": False, "dynamic_focus": False, "zoom": 1.0, "mode": "orthogonality correction"}),
+        ("test_tiff_Zeiss_SEM_512pix.tif", {"zoom": 1.0, "drift_correction": False}),
+        ("tescan_example_sem1.tif", {"tilt_correction": False, "pixel_height_m": 2.5012e-6, "mode": "WIDE FIELD"}),
+        ("jeol_example_sem.tif", {"mode": "column SEM, scan 2, integration 0"}),
+    ],
+)
+def test_settings_that_change_geometry(samples: Path, name: str, settings: dict[str, object]) -> None:
+    header = parse_file(exported(samples, name)).header
+    assert header.geometry.values().items() >= settings.items()
+    height, width = header.geometry.pixel_height_m, header.pixel_size_m
+    if height is not None and width is not None:
+        assert height.value == pytest.approx(width.value)
+
+
 def test_navigation_camera_is_refused(samples: Path) -> None:
     file = exported(samples, "FEI-Helios-navcam-with-no-IRBeam-bad-floats.tif")
     parsed = parse_file(file)
