@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from semlive import dic
+from semlive.data.disparity import DisparityMap
+from semlive.data.pair import PairDecision
 from semlive.data.settings import ScanProfile
 from semlive.diagnose.intensity.frames import IntensityFrames
 from semlive.diagnose.rows.series import RowSeries, row_series
 from semlive.errors import BadInput
+from semlive.formats.log.messages import SEM_ORIGINAL
+from semlive.formats.log.reader import LogMessage
 from semlive.service.diagnosis.intensity import NO_IMAGES, NO_REFERENCE, IntensityReader
-from semlive.service.log.image_pairs import ImagedPair, imaged_pairs
-from semlive.service.log.pairs import has_images, topic_counts
+from semlive.service.log.image_pairs import ImagedPair, PairFiles
 
 MAX_PAIRS = 40
 """Maximum number of pairs for the row and intensity channels; 30 MB of row data."""
@@ -44,33 +46,48 @@ class ImageData:
     no_grey: str
 
 
-def channels_of_log(log: Path, scan: ScanProfile, watch: Callable[[str, int, int], None] | None = None) -> ImageData:
-    """Read the image channels of the pairs of a log, of every n-th pair in long logs.
+class ImageChannels:
+    """Collects the image channels of the pairs of a log while it is read, of every n-th pair in long logs.
 
     Args:
-        log: one file, or a run folder.
         scan: scan settings of the log.
+        pairs: number of pairs of the log; 0 if it has no summary.
         watch: callback with the activity, the completed amount and the total.
-
-    Raises:
-        BadLog: the log cannot be read.
     """
-    counts = topic_counts(log)
-    if not has_images(log, counts):
-        return ImageData((), NO_ROW_IMAGES, None, NO_IMAGES)
-    count = (counts or {}).get("/pair", 0)
-    every = max(1, -(-count // MAX_PAIRS))
-    rows: list[RowSeries] = []
-    grey = IntensityReader()
-    for done, pair in enumerate(imaged_pairs(log, scan, every), start=1):
+
+    def __init__(self, scan: ScanProfile, pairs: int, watch: Callable[[str, int, int], None] | None = None) -> None:
+        every = max(1, -(-pairs // MAX_PAIRS))
+        self._files, self._expected, self._watch = PairFiles(scan, every), pairs // every, watch
+        self._rows: list[RowSeries] = []
+        self._grey = IntensityReader()
+        self._done, self._images_exist = 0, False
+
+    def noting(self, stream: Iterable[LogMessage]) -> Iterator[LogMessage]:
+        """Yield the messages of a log, and keep their files."""
+        for message in stream:
+            self._images_exist = self._images_exist or message.topic == SEM_ORIGINAL
+            self._files.note(message)
+            yield message
+
+    def take(self, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> None:
+        """Add a pair with complete maps; its frames are decoded here."""
+        pair = self._files.imaged_pair(decision, maps)
+        if pair is None:
+            return
         row_data = register_pair_rows(pair)
         if row_data is not None:
-            rows.append(row_data)
-        grey.take(pair)
-        if watch is not None:
-            watch("image", done, max(done, count // every))
-    intensity = grey.series()
-    return ImageData(tuple(rows), "" if rows else NO_ROWS, intensity, "" if intensity is not None else NO_REFERENCE)
+            self._rows.append(row_data)
+        self._grey.take(pair)
+        self._done += 1
+        if self._watch is not None:
+            self._watch("image", self._done, max(self._done, self._expected))
+
+    def data(self) -> ImageData:
+        """The channels of all pairs so far."""
+        if not self._images_exist:
+            return ImageData((), NO_ROW_IMAGES, None, NO_IMAGES)
+        intensity = self._grey.series()
+        return ImageData(tuple(self._rows), "" if self._rows else NO_ROWS, intensity, "" if intensity is not None else NO_REFERENCE)
 
 
 def register_pair_rows(pair: ImagedPair) -> RowSeries | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from semlive.data.diagnosis.effects import ModelEffect
@@ -12,16 +11,18 @@ from semlive.diagnose.baseline.model_effects import add_model_effects, observabl
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.two_runs.decide import compare_runs
 from semlive.model.effects.stage import non_map_effect
-from semlive.service.diagnosis.run import load_observation, parameters_json
+from semlive.service.diagnosis.run import load_observation
+from semlive.service.diagnosis.verdict_json import parameters_json
+from semlive.service.log.opened_log import OpenedLog
 
 
 def compare_logs(
-    logs: Sequence[Path], watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
+    logs: Sequence[OpenedLog], watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
 ) -> TwoRunVerdict:
     """Joint verdict of runs of one specimen with different scans.
 
     Args:
-        logs: log files or run folders.
+        logs: logs whose messages were not read yet.
         watch: called with the name of the task, the finished part and the total.
         model_effects: effects already in the model.
 

@@ -10,17 +10,17 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from imaged_log import log_of, moved
+from imaged_log import image_data, log_of, moved
 
 from semlive.data.diagnosis.channels import IntensityDiagnosis
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.settings import DicSettings
 from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive.report.diagnosis_page import diagnosis_html
-from semlive.service.diagnosis.images import channels_of_log
 from semlive.service.diagnosis.model_file import Model, write_model
-from semlive.service.diagnosis.run import diagnose_log, diagnosis_json
-from semlive.service.log.pairs import log_settings
+from semlive.service.diagnosis.run import diagnose_log
+from semlive.service.diagnosis.verdict_json import diagnosis_json
+from semlive.service.log.opened_log import OpenedLog
 from semlive_simulators.effects.charging_jump import ChargingJump
 from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
 from semlive_simulators.effects.composition import EffectSet
@@ -55,8 +55,7 @@ def logged(folder: Path, *effects: Effect) -> Path:
 
 
 def grey_of(folder: Path, *effects: Effect) -> IntensityDiagnosis:
-    log = logged(folder, *effects)
-    seen = channels_of_log(log, log_settings(log).scan)
+    seen = image_data(logged(folder, *effects))
     assert seen.grey is not None
     assert seen.no_grey == ""
     return diagnose_intensity(seen.grey)
@@ -125,9 +124,10 @@ def jumping(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_jump_with_a_flash_is_a_charges(jumping: Path, tmp_path: Path) -> None:
     model, page = tmp_path / "model.json", tmp_path / "page.html"
-    verdict = diagnose_log(jumping)
+    log = OpenedLog(jumping)
+    verdict, _ = diagnose_log(log)
     found = diagnosis_json(verdict)
-    write_model(model, verdict, jumping, Model())
+    write_model(model, verdict, log, Model())
     page.write_text(diagnosis_html("run", verdict), encoding="utf-8")
 
     names = [one["name"] for one in found["effects"]]
