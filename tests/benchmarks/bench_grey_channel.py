@@ -27,13 +27,9 @@ from semlive.data.diagnosis.channels import IntensityDiagnosis
 from semlive.data.settings import DicSettings
 from semlive.diagnose.intensity.frames import IntensityFrames, intensity_frame, intensity_reference, pair_noise
 from semlive.diagnose.intensity.verdict import diagnose_intensity
-from semlive_simulators.effects.charging_frame_ramp import ChargingFrameRamp
-from semlive_simulators.effects.charging_jump import ChargingJump
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive_simulators.effects.charging import ChargingFrameRamp, ChargingJump, ChargingLocalLens
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.contamination import Contamination
-from semlive_simulators.effects.defocus import Defocus
-from semlive_simulators.effects.gamma_change import GammaChange
+from semlive_simulators.effects.detector import Contamination, Defocus, GammaChange
 from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario

@@ -28,9 +28,7 @@ from semlive.diagnose.rows.series import RowSeries, row_series
 from semlive.diagnose.rows.verdict import diagnose_rows
 from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.mains_hum import MainsHum
-from semlive_simulators.effects.row_jitter import RowJitter
-from semlive_simulators.effects.vibration import Vibration
+from semlive_simulators.effects.scan_deflection import MainsHum, RowJitter, Vibration
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 

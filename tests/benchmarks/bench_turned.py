@@ -32,11 +32,10 @@ from semlive.data.grid import Grid
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.experiments.protocols import SQUARE_HALF_WIDTH_PX, square_px
 from semlive.diagnose.two_runs.decide import compare_runs
-from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
+from semlive_simulators.effects.image_field import AnisotropicPixel, ScanNonorthogonality
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.scan_nonlinearity import ScanNonlinearity
-from semlive_simulators.effects.scan_nonorthogonality import ScanNonorthogonality
-from semlive_simulators.effects.stage_backlash import StageBacklash
+from semlive_simulators.effects.scan_deflection import ScanNonlinearity
+from semlive_simulators.effects.specimen_motion import StageBacklash
 
 SEEN = Grid(200, 200, 24, 26, 21, 43)
 """What moves of 150 px and 20 px of drift leave in view."""

@@ -12,9 +12,9 @@ import pytest
 
 from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.stage_step_transient import StageStepTransient
-from semlive_simulators.effects.vibration import Vibration
-from semlive_simulators.effects.wrong_row_time import WrongRowTime
+from semlive_simulators.effects.scan_deflection import Vibration
+from semlive_simulators.effects.scan_timing import WrongRowTime
+from semlive_simulators.effects.specimen_motion import StageStepTransient
 from semlive_simulators.microscope.exposure import row_passes
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.microscope.sem import Exported, Sem

@@ -21,12 +21,9 @@ from semlive.service.diagnosis.model_file import Model, write_model
 from semlive.service.diagnosis.run import diagnose_log
 from semlive.service.diagnosis.verdict_json import diagnosis_json
 from semlive.service.log.opened_log import OpenedLog
-from semlive_simulators.effects.charging_jump import ChargingJump
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive_simulators.effects.charging import ChargingJump, ChargingLocalLens
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.contamination import Contamination
-from semlive_simulators.effects.defocus import Defocus
-from semlive_simulators.effects.gamma_change import GammaChange
+from semlive_simulators.effects.detector import Contamination, Defocus, GammaChange
 from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario

@@ -22,9 +22,8 @@ from semlive.data.strain import MeasuredValue
 from semlive.diagnose.baseline.observation import Observation, StepConditions
 from semlive.diagnose.scalars.load_cell import add_load_cell_evidence, load_readings
 from semlive.diagnose.scalars.strain_gage import add_gage_evidence, gage_readings
-from semlive_simulators.effects.load_cell_drift import LoadCellDrift
-from semlive_simulators.effects.load_cell_zero import LoadCellZero
-from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
+from semlive_simulators.effects.deformation import OutOfPlaneTranslation
+from semlive_simulators.effects.load_cell import LoadCellDrift, LoadCellZero
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
 CONDITIONS = Conditions(509)

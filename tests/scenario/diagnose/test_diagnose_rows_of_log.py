@@ -12,7 +12,7 @@ from imaged_log import image_data, log_of
 from semlive.data.settings import DicSettings
 from semlive.diagnose.rows.verdict import diagnose_rows
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.mains_hum import MainsHum
+from semlive_simulators.effects.scan_deflection import MainsHum
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 

@@ -28,7 +28,7 @@ from semlive.diagnose.maps.refinement import refined
 from semlive.diagnose.maps.time_course_test import alternative_time_course_odds
 from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.diagnose.maps.verdict import diagnose
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive_simulators.effects.charging import ChargingLocalLens
 
 SPARSE = Grid(101, 101, 60, 13, 10, 43)  # a block is a point
 GRID = Grid(101, 101, 30, 25, 20, 43)  # fewer blocks than the usual grid has: verdicts take half the time

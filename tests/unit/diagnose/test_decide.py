@@ -25,11 +25,9 @@ from semlive.diagnose.baseline.observation import sample_within_blocks
 from semlive.diagnose.two_runs.decide import compare_runs, join_runs, relative_to_reference
 from semlive.errors import IllPosed
 from semlive.model.effects import EFFECT_CLASSES, TWO_RUN_EFFECT_CLASSES
-from semlive_simulators.effects.flyback_settling import FlybackSettling
-from semlive_simulators.effects.frame_start_settling import FrameStartSettling
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.line_sync_hum import LineSyncHum
-from semlive_simulators.effects.wrong_row_time import WrongRowTime
+from semlive_simulators.effects.scan_deflection import FlybackSettling, FrameStartSettling, LineSyncHum
+from semlive_simulators.effects.scan_timing import WrongRowTime
 from semlive_simulators.microscope.scan import Scan
 
 GRID = Grid(56, 56, 15, 60, 50, 43)

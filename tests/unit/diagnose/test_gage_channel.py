@@ -14,7 +14,7 @@ from semlive.data.strain import MeasuredValue
 from semlive.diagnose.baseline.observation import StepConditions
 from semlive.diagnose.scalars.load_cell import LoadReadings, add_load_cell_evidence
 from semlive.diagnose.scalars.strain_gage import GageReadings, add_gage_evidence, gage_readings
-from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
+from semlive_simulators.effects.deformation import OutOfPlaneTranslation
 
 NOTHING = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01)
 UP = [100.0, 450.0, 800.0, 1150.0, 1500.0, 1850.0, 2200.0]

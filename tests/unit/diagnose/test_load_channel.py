@@ -8,10 +8,8 @@ import pytest
 from semlive.data.diagnosis.effects import ModelEffect, Outcome
 from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.scalars.load_cell import LoadReadings, add_clock_evidence, add_load_cell_evidence
-from semlive_simulators.effects.friction_hysteresis import FrictionHysteresis
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.load_cell_drift import LoadCellDrift
-from semlive_simulators.effects.load_cell_zero import LoadCellZero
+from semlive_simulators.effects.load_cell import FrictionHysteresis, LoadCellDrift, LoadCellZero
 from semlive_simulators.specimen.history import History, LoadStep
 from semlive_simulators.specimen.specimen import at_rest
 

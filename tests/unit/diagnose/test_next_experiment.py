@@ -22,7 +22,7 @@ from semlive.model.effects.stage import MOVES, non_map_effect
 from semlive.service.config.configuration import parse_config
 from semlive.service.diagnosis.model_scenario import SIMULATED_EFFECTS, scenario_yaml
 from semlive.service.diagnosis.next_config import protocol_for
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive_simulators.effects.charging import ChargingLocalLens
 from semlive_simulators.scenario import load_scenario
 
 PROTOCOL = {"calibration_shifts_px": [[0.0, 0.0], [20.0, 0.0]], "loads_n": [100.0, 500.0, 900.0], "hold_s": 30.0}

@@ -23,7 +23,7 @@ from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.maps.parameter_search import LinearParameterSums
 from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
 from semlive.model.effects import EFFECT_CLASSES
-from semlive.model.effects.maps.distortion_scale_drift import AFFINE
+from semlive.model.effects.maps.image_field import AFFINE
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
 

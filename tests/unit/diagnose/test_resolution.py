@@ -26,9 +26,8 @@ from semlive.diagnose.baseline.priors import DriftPrior
 from semlive.diagnose.maps.cross_validation import held_out_misfit
 from semlive.diagnose.maps.refinement import refined
 from semlive.diagnose.maps.verdict import diagnose
-from semlive_simulators.effects.baseline_distortion_underresolved import BaselineDistortionUnderresolved
+from semlive_simulators.effects.drift import BaselineDistortionUnderresolved, RandomWalkDrift
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.random_walk_drift import RandomWalkDrift
 
 COARSE = Grid(101, 101, 30, 25, 20, 43)
 DRAWS = 99

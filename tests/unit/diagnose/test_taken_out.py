@@ -24,7 +24,7 @@ from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult
 from semlive.data.settings import AnalysisSettings, SpecimenSettings
 from semlive.pipeline import effect_correction
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive_simulators.effects.charging import ChargingLocalLens
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
 NAME = "charging_local_lens"

@@ -30,10 +30,9 @@ from semlive.diagnose.two_runs.disc_basis import AFFINE, DiscDistortion, modes
 from semlive.diagnose.two_runs.scan_axes import ScanAxes, StageResponse, axes_between
 from semlive.diagnose.two_runs.scan_rotation import analyse_scan_rotation, fields_of, verdict
 from semlive.errors import IllPosed
-from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
+from semlive_simulators.effects.image_field import AnisotropicPixel, ScanNonorthogonality
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.scan_nonlinearity import ScanNonlinearity
-from semlive_simulators.effects.scan_nonorthogonality import ScanNonorthogonality
+from semlive_simulators.effects.scan_deflection import ScanNonlinearity
 from semlive_simulators.microscope.scan import Scan
 
 Field = Callable[[NDArray[np.float64]], NDArray[np.float64]]
