@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-from semlive.data.operator_prompts import PromptEvent
-from semlive.data.text import printable
 from semlive.engine import FINAL_STATES, Cause, OperatorCommand, State
 from semlive.errors import BadInput
 from semlive.formats.log import conversions as values
@@ -26,6 +24,8 @@ from semlive.formats.log.messages import (
     from_json,
 )
 from semlive.formats.log.reader import LogMessage
+from semlive.inputs.printable import printable
+from semlive.ports import PromptEvent
 from semlive.service.config.configuration import parse_config
 from semlive.service.log import alarms as alarm_rules
 from semlive.service.log.alarms import Alarm, AlarmLevel

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from semlive_simulators.kernels.pattern import gaussian
 from semlive_simulators.load_frame import dynamics
 from semlive_simulators.load_frame.fault_schedule import MachineFault
+from semlive_simulators.load_frame.line_faults import LineFault
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.specimen.history import History
 from semlive_simulators.specimen.specimen import at_rest
@@ -73,7 +75,7 @@ class Sensors:
         """The reading of the load cell without noise, N, at a true force, seconds since the run began."""
         return self._effects.load_n(force_n, time_s, at_rest(load_n=force_n, history=history))
 
-    def read(self, state: BenchState, time_s: float, number: int, faults: set[MachineFault]) -> Reading:
+    def read(self, state: BenchState, time_s: float, number: int, faults: Collection[MachineFault | LineFault]) -> Reading:
         """Readings of all devices.
 
         Args:
@@ -115,7 +117,7 @@ class Sensors:
         local = elongation(scenario.effects, scenario.scan, motion, time_s, grid_px)
         return load.plastic_mm / scenario.specimen.length_mm + creep + local
 
-    def _with_faults(self, reading: Reading, faults: set[MachineFault]) -> Reading:
+    def _with_faults(self, reading: Reading, faults: Collection[MachineFault | LineFault]) -> Reading:
         if MachineFault.GAGE_OFF in faults:
             reading = replace(reading, strain_gage=math.nan)
         with self._lock:

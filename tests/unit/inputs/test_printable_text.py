@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semlive.data.text import printable
+from semlive.inputs.printable import printable
 
 
 @pytest.mark.parametrize(
