@@ -34,7 +34,6 @@ __all__ = [
     "Source",
     "load_series",
     "replay",
-    "replay_images",
     "require_calibration",
     "result_from_maps",
 ]
@@ -198,19 +197,6 @@ def require_calibration(log: Path, done: ReplayResult) -> None:
     if reason is not None:
         accept = "or take what was measured under load all the same with --set estimate.accept_poor_calibration=true"
         raise PoorCalibration(f"{log}: the calibration is refused: {reason}, {accept}.")
-
-
-def replay_images(log: Path, method: str | None = None) -> ReplayResult:
-    """Correlate the images of a log again and repeat the estimate.
-
-    Args:
-        log: one file, or a run folder of segments.
-        method: estimation method instead of that of the configuration of the run; None for that of the run.
-
-    Raises:
-        BadLog: the log cannot be read or holds no pair.
-    """
-    return replay(ReplayRequest(log, method, source=Source.IMAGES))
 
 
 def result_from_maps(log: Path, callbacks: ReplayCallbacks | None = None) -> tuple[RunResult, AnalysisSettings]:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numexp.experiment import Experiment
+from numexp.lens_distortion import fit_lens_distortion
 from numexp.measure import Found
 from numexp.world import HEIGHT_PX, WIDTH_PX, Field
 
@@ -15,7 +16,6 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, DistortionField
 from semlive.data.settings import EstimateSettings
 from semlive.estimate import sutton
-from semlive.estimate.sutton.lens_distortion import fit_lens_distortion
 
 
 def uncorrected(experiment: Experiment) -> Found:

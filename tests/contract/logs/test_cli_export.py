@@ -19,7 +19,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from semlive.data.results import RunResult
-from semlive.estimate import correction_sigma
+from semlive.estimate import correction_sigmas
 from semlive.service.analysis.result_json import result_json
 from semlive.service.replay.replay import ReplayRequest, replay
 
@@ -72,7 +72,7 @@ def test_hdf5_holds_fields_series_units_and_configuration(exported: Callable[[st
         for name, values in fields(known.result, 11).items():
             np.testing.assert_array_equal(group[name], values)
         dmap = next(one for one in known.analysis.maps_from_reference if one.current == 11)
-        for name, values in zip(("systematic_u", "systematic_v"), correction_sigma(known.solution, dmap), strict=True):
+        for name, values in zip(("systematic_u", "systematic_v"), next(correction_sigmas(known.solution, (dmap,))), strict=True):
             np.testing.assert_allclose(group[name], np.where(group["valid"], values, 0.0), rtol=1e-9)
         assert float(group["systematic_u"][()].max()) > 0.0
         assert not file["frames/0/systematic_u"][()].any()

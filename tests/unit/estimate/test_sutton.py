@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from numexp.cases import CASES
 from numexp.experiment import Experiment, Taken, make_experiment
+from numexp.lens_distortion import fit_lens_distortion
 
 from semlive import pipeline
 from semlive.data.disparity import DisparityMap, PoiStatus
@@ -25,7 +26,6 @@ from semlive.data.scan import Provenance, Sourced
 from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.errors import IllPosed
 from semlive.estimate import sutton
-from semlive.estimate.sutton.lens_distortion import fit_lens_distortion
 from semlive.estimate.sutton.surface import Surface
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
