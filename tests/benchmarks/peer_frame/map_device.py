@@ -2,7 +2,7 @@
 
     python map_device.py PORT LOG KIND [NAME=VALUE ...]
 
-KIND is a name of `KINDS`. NAME=VALUE are characters and fault switches of second_machine.py. Serial lines are pseudo-terminals ``line1``,
+KIND is a name of `KINDS`. NAME=VALUE are characters and fault switches of second_settings.py. Serial lines are pseudo-terminals ``line1``,
 ``line2`` in the folder of LOG, a load file is ``load.csv`` there. Modbus TCP and the commands over UDP are at 127.0.0.1:PORT as for
 second_frame.py, with two more commands: ``hand TARGET RATE`` and ``handstop`` are what a person does at the machine's own panel.
 """

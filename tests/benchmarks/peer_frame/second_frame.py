@@ -2,7 +2,7 @@
 
     python second_frame.py PORT LOG [NAME=VALUE ...]
 
-NAME=VALUE are characters (`Character` in second_machine.py) and fault switches (`Switches`). Modbus on 127.0.0.1:PORT for any number of
+NAME=VALUE are characters (`Character` in second_settings.py) and fault switches (`Switches`). Modbus on 127.0.0.1:PORT for any number of
 clients, commands `NAME VALUE` over UDP at the same port, `?` is answered with time, F, E, motion, target, rate, counter; the log has the
 form of the independent frame's. Only the standard library is used.
 
@@ -22,7 +22,8 @@ from typing import cast
 
 sys.path.insert(0, __file__.rpartition("/")[0])
 
-from second_machine import Character, Machine, Switches
+from second_machine import Machine
+from second_settings import Character, Switches
 from unit_registers import Note, UnitRegisters, f32, u32
 
 _STEP_S = 0.002

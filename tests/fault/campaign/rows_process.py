@@ -11,9 +11,9 @@ import time
 import zlib
 
 from lab import Lab, until
+from link_states import SOON_MS, WATCHDOG_MS, in_fault, ramping, stopped
 from mcap.exceptions import McapError
 from mcap.stream_reader import StreamReader
-from rows_link import SOON_MS, WATCHDOG_MS, in_fault, ramping, stopped
 from table import Kind, Observation, Row
 
 _UNLIMITED = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)

@@ -22,7 +22,7 @@ from semlive_drivers.modbus.settings import ModbusSettings
 from semlive_drivers.modbus.tcp.blind import CONNECT_S
 from semlive_drivers.text.part import TextSettings
 
-from .test_supervision import DRIVE, LIMITS, LOAD, STIFFNESS, Machine, all_frozen_from, frozen_from
+from .ramp_machine import DRIVE, LIMITS, LOAD, STIFFNESS, Machine, all_frozen_from, frozen_from
 
 CASE = RampCase(LIMITS, start_n=0.0, target_n=300.0, rate_n_s=30.0, tolerance_n=3.0, poll_s=0.05)
 DRIVEN = replace(CASE, control=ControlMode.DISPLACEMENT, stiffness_n_mm=STIFFNESS)
