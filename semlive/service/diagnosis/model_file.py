@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -54,7 +53,7 @@ class Model:
     """
 
     section: ModelSection | None = None
-    text: tuple[dict[str, Any], ...] = ()
+    text: tuple[dict[str, object], ...] = ()
     name: str = "none"
 
     @property
@@ -183,7 +182,7 @@ def _frame_size(log: OpenedLog) -> tuple[int, int] | None:
     return decision.first.width_px, decision.first.height_px
 
 
-def model_json(verdict: Diagnosis, log: OpenedLog, parent: Model) -> dict[str, Any]:
+def model_json(verdict: Diagnosis, log: OpenedLog, parent: Model) -> dict[str, object]:
     """Content of a model file: the effects of the parent model and the identified ones."""
     return {
         "version": MODEL_VERSION,
@@ -204,7 +203,7 @@ def write_model(path: Path, verdict: Diagnosis, log: OpenedLog, parent: Model) -
     part.replace(path)
 
 
-def _effect_entry(effect: IdentifiedEffect) -> dict[str, Any]:
+def _effect_entry(effect: IdentifiedEffect) -> dict[str, object]:
     basis_field = {"family": effect.model_effect.name, "values": dict(effect.model_effect.values), "size_px": effect.model_effect.size_px}
     return {
         **effect_json(effect),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from semlive.data.diagnosis.effects import ModelEffect
 from semlive.data.diagnosis.two_runs import ScanRotation, SharedEffect, TwoRunVerdict
@@ -37,7 +36,7 @@ def compare_logs(
     return compare_runs(runs)
 
 
-def decision_json(verdict: TwoRunVerdict) -> dict[str, Any]:
+def decision_json(verdict: TwoRunVerdict) -> dict[str, object]:
     """JSON object of the verdict (`semlive experiment decide LOG OTHER --json`); it is only extended."""
     return {
         "outcome": verdict.outcome.value,
@@ -50,10 +49,10 @@ def decision_json(verdict: TwoRunVerdict) -> dict[str, Any]:
     }
 
 
-def _effect_json(effect: SharedEffect) -> dict[str, Any]:
+def _effect_json(effect: SharedEffect) -> dict[str, object]:
     return {"name": effect.name, "peak_px": effect.peak_px, "parameters": parameters_json(effect.parameters)}
 
 
-def _turned_json(rotation: ScanRotation) -> dict[str, Any]:
+def _turned_json(rotation: ScanRotation) -> dict[str, object]:
     parameters = parameters_json((rotation.angle_rad, rotation.x_excess, rotation.skew))
     return {"parameters": parameters, "distortion_of": rotation.follows or None, "of_scan": rotation.of_scan}

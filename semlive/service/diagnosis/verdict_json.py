@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect, ParameterEstimate
 from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
 
 
-def diagnosis_json(verdict: Diagnosis) -> dict[str, Any]:
+def diagnosis_json(verdict: Diagnosis) -> dict[str, object]:
     """JSON object of the verdict (`semlive diagnose LOG --json`); it is only extended."""
     return {
         "outcome": verdict.outcome.value,
@@ -29,7 +28,7 @@ def diagnosis_json(verdict: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _experiment_json(proposal: ExperimentProposal) -> dict[str, Any]:
+def _experiment_json(proposal: ExperimentProposal) -> dict[str, object]:
     return {
         "between": list(proposal.between),
         "about": proposal.about,
@@ -37,12 +36,12 @@ def _experiment_json(proposal: ExperimentProposal) -> dict[str, Any]:
     }
 
 
-def forecast_json(forecast: ExperimentForecast) -> dict[str, Any]:
+def forecast_json(forecast: ExperimentForecast) -> dict[str, object]:
     """JSON object of a forecast."""
     return {**asdict(forecast), "log_odds_per_minute": forecast.log_odds_per_minute}
 
 
-def _rows_json(verdict: Diagnosis) -> dict[str, Any]:
+def _rows_json(verdict: Diagnosis) -> dict[str, object]:
     rows = verdict.rows
     if rows is None:
         return {"looked_at": False, "why_not": verdict.rows_unavailable}
@@ -56,7 +55,7 @@ def _rows_json(verdict: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _grey_json(verdict: Diagnosis) -> dict[str, Any]:
+def _grey_json(verdict: Diagnosis) -> dict[str, object]:
     grey = verdict.grey
     if grey is None:
         return {"looked_at": False, "why_not": verdict.intensity_unavailable}
@@ -73,7 +72,7 @@ def _grey_json(verdict: Diagnosis) -> dict[str, Any]:
     }
 
 
-def gap_json(gap: HeldOutMisfit) -> dict[str, Any]:
+def gap_json(gap: HeldOutMisfit) -> dict[str, object]:
     """JSON object of a held-out misfit."""
     return {
         "before_px": gap.before_px,
@@ -84,7 +83,7 @@ def gap_json(gap: HeldOutMisfit) -> dict[str, Any]:
     }
 
 
-def effect_json(effect: IdentifiedEffect) -> dict[str, Any]:
+def effect_json(effect: IdentifiedEffect) -> dict[str, object]:
     """JSON object of an effect."""
     return {
         "name": effect.name,
@@ -97,6 +96,6 @@ def effect_json(effect: IdentifiedEffect) -> dict[str, Any]:
     }
 
 
-def parameters_json(parameters: Sequence[ParameterEstimate]) -> dict[str, Any]:
+def parameters_json(parameters: Sequence[ParameterEstimate]) -> dict[str, object]:
     """JSON object of parameters by name."""
     return {parameter.name: {"value": parameter.value, "sigma": parameter.sigma, "unit": parameter.unit} for parameter in parameters}

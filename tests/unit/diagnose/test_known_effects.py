@@ -55,11 +55,11 @@ def test_an_injected_strain_is_left(bent: Observation) -> None:
     strain = 1e-4
     scene = bent.geometry
     more = np.zeros_like(bent.disparity_px)
-    more[scene.loaded, :, 1] = strain * scene.half_px * scene.y[scene.loaded]
+    more[scene.steps.loaded, :, 1] = strain * scene.half_px * scene.y[scene.steps.loaded]
     injected = replace(bent, disparity_px=bent.disparity_px + more)
     change = effect_displacement(injected, [BENDING]).field_px - effect_displacement(bent, [BENDING]).field_px
     y_px = scene.y * scene.half_px
-    taken = [np.polyfit(y_px[frame], change[frame, :, 1], 1)[0] for frame in np.flatnonzero(scene.loaded)]
+    taken = [np.polyfit(y_px[frame], change[frame, :, 1], 1)[0] for frame in np.flatnonzero(scene.steps.loaded)]
     assert np.max(np.abs(taken)) < 0.02 * strain
 
 

@@ -70,10 +70,10 @@ CREEP_IN_HOLD = EffectClass(
 
 def _load_step_transient(scene: RunGeometry, values: Values) -> BasisField | None:
     """D += dF A exp(-(T - T_k) / tau)."""
-    largest_n = float(np.abs(scene.load_change_n).max())
+    largest_n = float(np.abs(scene.steps.load_change_n).max())
     if largest_n == 0.0:
         return None
-    fall = exponential_decay(scene, scene.load_change_n[:, None] / largest_n, values["time_constant_s"])
+    fall = exponential_decay(scene, scene.steps.load_change_n[:, None] / largest_n, values["time_constant_s"])
     return BasisField(xy_columns(fall[..., 0]), xy_parameters("px/N", 1.0 / largest_n))
 
 
@@ -93,10 +93,10 @@ LOAD_STEP_TRANSIENT = EffectClass(
 
 def _stage_step_transient(scene: RunGeometry, values: Values) -> BasisField | None:
     """D += A m_n exp(-(T - T_n) / tau) along the move."""
-    largest_px = float(np.abs(scene.move_px).max())
+    largest_px = float(np.abs(scene.steps.move_px).max())
     if largest_px == 0.0:
         return None
-    fall = exponential_decay(scene, scene.move_px / largest_px, values["time_constant_s"])
+    fall = exponential_decay(scene, scene.steps.move_px / largest_px, values["time_constant_s"])
     return BasisField(fall[..., None], (ReportedParameter("fraction", "1", np.array([1.0 / largest_px])),))
 
 
@@ -117,7 +117,7 @@ STAGE_STEP_TRANSIENT = EffectClass(
 def _stage_yaw(scene: RunGeometry, values: Values) -> BasisField | None:
     """An independent rotation of each calibration pair except the first; in later pairs the gradient is free."""
     del values
-    pairs = [pair for pair in np.unique(scene.pair)[1:] if not scene.gradient_free[scene.pair == pair].any()]
+    pairs = [pair for pair in np.unique(scene.pair)[1:] if not scene.steps.gradient_free[scene.pair == pair].any()]
     if not pairs:
         return None
     each = (scene.pair[:, None] == np.array(pairs)[None]).astype(np.float64)[:, None, :]
