@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, is_dataclass
 
 from semlive.web.downsampled_series import DownsampledSeries, LoadRow
-from semlive.web.page_state import Drift, PageState
+from semlive.web.page_state import Drift, PageState, Schedule
 
 PARTS = ("run", "schedule", "protocol", "reading", "drift", "quality", "strength", "alarms", "desk", "frames", "maps")
 
@@ -38,7 +38,7 @@ def _part(view: PageState, name: str) -> object:
     part = getattr(view, name)
     if isinstance(part, Drift):
         return {**_shallow(part), "frames": [{"frame": drift.frame, "rows": drift.rows} for drift in part.frames]}
-    if name == "schedule":
+    if isinstance(part, Schedule):
         done, measures = part.done, part.measures
         ahead = part.planned[len([step for step in done if not step.warm_up]) :]
         more = (asdict(ahead[0]) | {"warm_up": True, "load_n": None, "phase": "calibration"},) if measures and ahead else ()
@@ -52,7 +52,7 @@ def _plain(part: object) -> object:
     return asdict(part) if is_dataclass(part) and not isinstance(part, type) else part
 
 
-def _shallow(part: object) -> dict[str, object]:
+def _shallow(part: Drift) -> dict[str, object]:
     return {name: getattr(part, name) for name in part.__dataclass_fields__}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -51,7 +52,7 @@ def result_table(result: RunResult) -> Table:
     return table
 
 
-def comparison_table(before: dict[str, object], after: dict[str, object], label: str) -> Table:
+def comparison_table(before: dict[str, Any], after: dict[str, Any], label: str) -> Table:
     """Table of two results: elastic constants, noise, and every frame that both results contain.
 
     Args:
@@ -72,8 +73,8 @@ def comparison_table(before: dict[str, object], after: dict[str, object], label:
     return table
 
 
-def _headline(before: dict[str, object], after: dict[str, object]) -> list[tuple[str, object, object]]:
-    rows: list[tuple[str, object, object]] = [
+def _headline(before: dict[str, Any], after: dict[str, Any]) -> list[tuple[str, Any, Any]]:
+    rows: list[tuple[str, Any, Any]] = [
         (name, before.get(name), after.get(name)) for name in ("pairs", "method", "vsg_px", "noise_floor_px")
     ]
     for axis, name in enumerate("xy"):
@@ -85,7 +86,7 @@ def _headline(before: dict[str, object], after: dict[str, object]) -> list[tuple
     return rows
 
 
-def _frame_rows(by_frame: dict[int, dict[str, object]], new: dict[str, object]) -> list[tuple[str, object, object]]:
+def _frame_rows(by_frame: dict[int, dict[str, Any]], new: dict[str, Any]) -> list[tuple[str, Any, Any]]:
     old = by_frame.get(new["frame"])
     if old is None or new["frame"] == 0:
         return []

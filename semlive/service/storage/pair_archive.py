@@ -32,8 +32,8 @@ class PairArchive:
 
     def __init__(self) -> None:
         self._store, self._passing = MapStore(0, stays=True), MapStore(0, stays=True)
-        self._numbers: dict[object, int] = {}
-        self._shared: list[object] = []
+        self._numbers: dict[Any, int] = {}
+        self._shared: list[Any] = []
 
     def store_map(self, disparity: DisparityMap) -> DisparityMap:
         """Return an equal map in this store."""
@@ -62,7 +62,7 @@ class PairArchive:
         before = stored if isinstance(stored, StoredMapping) else StoredMapping[V](self).updated(stored)
         return before.updated(new)
 
-    def packed(self, value: object) -> tuple[tuple[int, int], dict[int, NDArray[np.uint8]]]:
+    def packed(self, value: Any) -> tuple[tuple[int, int], dict[int, NDArray[np.uint8]]]:
         """Store a value; return its place, and the files that contain it by number.
 
         Raises:
@@ -76,7 +76,7 @@ class PairArchive:
         number, file, at = location
         return (number, at), {**files, number: file}
 
-    def unpacked(self, place: tuple[int, int], files: Mapping[int, NDArray[np.uint8]]) -> object:
+    def unpacked(self, place: tuple[int, int], files: Mapping[int, NDArray[np.uint8]]) -> Any:
         """Return the value at a place."""
         number, at = place
         if number == _IN_MEMORY:
@@ -85,7 +85,7 @@ class PairArchive:
         words = files[number][at + 8 : at + 8 * (1 + count)].view(np.int64).tolist()
         return self._read(iter(words), files)
 
-    def _write(self, value: object, words: list[int], files: dict[int, NDArray[np.uint8]]) -> None:
+    def _write(self, value: Any, words: list[int], files: dict[int, NDArray[np.uint8]]) -> None:
         kind = type(value)
         if kind is int and -(2**63) <= value < 2**63:
             words += (_INTEGER, value)
@@ -120,7 +120,7 @@ class PairArchive:
         layout = self._number_of((array.dtype.str, "C" if array.flags.c_contiguous else "F"))
         words += (_ARRAY, layout, number, at, array.ndim, *array.shape)
 
-    def _read(self, words: Iterator[int], files: Mapping[int, NDArray[np.uint8]]) -> object:
+    def _read(self, words: Iterator[int], files: Mapping[int, NDArray[np.uint8]]) -> Any:
         kind, value = next(words), next(words)
         if kind == _SHARED:
             return self._shared[value]
@@ -143,13 +143,13 @@ class PairArchive:
         array.setflags(write=False)
         return array
 
-    def _number_of(self, key: object, value: object = None) -> int:
+    def _number_of(self, key: Any, value: Any = None) -> int:
         """Return the number of an object that many values share; without a value the key itself is the object."""
         if key not in self._numbers:
             self._numbers[key] = self._in_memory(key if value is None else value)
         return self._numbers[key]
 
-    def _in_memory(self, value: object) -> int:
+    def _in_memory(self, value: Any) -> int:
         self._shared.append(value)
         return len(self._shared) - 1
 

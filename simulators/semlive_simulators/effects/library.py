@@ -176,6 +176,6 @@ def _built(name: str, parameters: Any) -> Effect:
         raise ValueError(f"{name}: {error}") from error
 
 
-def as_mapping(effects: EffectSet) -> dict[str, dict[str, Any]]:
+def as_mapping(effects: EffectSet) -> dict[str, dict[str, object]]:
     """The effects as an argument of `build_effects`, in plain values."""
     return {member.name: _ADAPTERS[member.name].dump_python(member, mode="json") for member in effects.members}
