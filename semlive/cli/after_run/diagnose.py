@@ -70,10 +70,11 @@ def diagnose(
         console.print(f"{name}: {UNDERRESOLVED[name]}")
     _print_gap(console, diagnosis)
     console.print(_where_table(diagnosis))
-    if diagnosis.rows is None:
-        console.print(diagnosis.rows_unavailable)
+    rows = diagnosis.images.rows
+    if rows is None:
+        console.print(diagnosis.images.no_rows)
     else:
-        console.print(f"rows: {diagnosis.rows.pairs} pairs of {diagnosis.rows.rows}, noise of a pair {diagnosis.rows.noise_px:.4f} px")
+        console.print(f"rows: {rows.pairs} pairs of {rows.rows}, noise of a pair {rows.noise_px:.4f} px")
     console.print(_grey_line(diagnosis))
     if diagnosis.experiment is not None:
         console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
@@ -82,9 +83,9 @@ def diagnose(
 
 
 def _grey_line(diagnosis: Diagnosis) -> str:
-    grey = diagnosis.grey
+    grey = diagnosis.images.grey
     if grey is None:
-        return diagnosis.intensity_unavailable
+        return diagnosis.images.no_grey
     dark, slope = grey.noise
     residual = f"; {grey.unexplained}" if grey.unexplained else ""
     return (

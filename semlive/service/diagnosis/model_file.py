@@ -190,7 +190,12 @@ def model_json(verdict: Diagnosis, log: OpenedLog, parent: Model) -> dict[str, o
         "outcome": verdict.outcome.value,
         "effects": [*parent.text, *(_effect_entry(effect) for effect in verdict.effects)],
         "gap_closure": None if verdict.gap is None else verdict.gap.closure,
-        "run": {"end_s": verdict.duration_s, "width_px": verdict.size_px[0], "height_px": verdict.size_px[1], **_pixel_size(log)},
+        "run": {
+            "end_s": verdict.run.duration_s,
+            "width_px": verdict.run.size_px[0],
+            "height_px": verdict.run.size_px[1],
+            **_pixel_size(log),
+        },
         "data_sha256": _hash(log.path),
         "made_utc": datetime.now(UTC).isoformat(timespec="seconds"),
     }

@@ -74,23 +74,25 @@ def diagnose_log(
 
 
 def _with_rows(verdict: Diagnosis, images: ImageData, seed: int) -> Diagnosis:
-    if not images.rows:
-        return replace(verdict, rows_unavailable=images.no_rows)
-    try:
-        rows = diagnose_rows(images.rows, seed, [effect for effect in verdict.model_effects if row_effect(effect.name) is not None])
-    except IllPosed as error:
-        return replace(verdict, rows_unavailable=str(error))
-    return add_row_verdict(verdict, rows)
+    reason = images.no_rows
+    if images.rows:
+        try:
+            rows = diagnose_rows(images.rows, seed, [effect for effect in verdict.model_effects if row_effect(effect.name) is not None])
+            return add_row_verdict(verdict, rows)
+        except IllPosed as error:
+            reason = str(error)
+    return replace(verdict, images=replace(verdict.images, no_rows=reason))
 
 
 def _with_intensity(verdict: Diagnosis, images: ImageData) -> Diagnosis:
-    if images.grey is None:
-        return replace(verdict, intensity_unavailable=images.no_grey)
-    try:
-        grey = diagnose_intensity(images.grey, [effect for effect in verdict.model_effects if intensity_effect(effect.name) is not None])
-    except IllPosed as error:
-        return replace(verdict, intensity_unavailable=str(error))
-    return add_intensity_verdict(verdict, grey)
+    reason = images.no_grey
+    if images.grey is not None:
+        try:
+            in_model = [effect for effect in verdict.model_effects if intensity_effect(effect.name) is not None]
+            return add_intensity_verdict(verdict, diagnose_intensity(images.grey, in_model))
+        except IllPosed as error:
+            reason = str(error)
+    return replace(verdict, images=replace(verdict.images, no_grey=reason))
 
 
 def propose_next_experiments(

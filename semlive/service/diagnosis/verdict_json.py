@@ -42,9 +42,9 @@ def forecast_json(forecast: ExperimentForecast) -> dict[str, object]:
 
 
 def _rows_json(verdict: Diagnosis) -> dict[str, object]:
-    rows = verdict.rows
+    rows = verdict.images.rows
     if rows is None:
-        return {"looked_at": False, "why_not": verdict.rows_unavailable}
+        return {"looked_at": False, "why_not": verdict.images.no_rows}
     return {
         "looked_at": True,
         "outcome": rows.outcome.value,
@@ -56,9 +56,9 @@ def _rows_json(verdict: Diagnosis) -> dict[str, object]:
 
 
 def _grey_json(verdict: Diagnosis) -> dict[str, object]:
-    grey = verdict.grey
+    grey = verdict.images.grey
     if grey is None:
-        return {"looked_at": False, "why_not": verdict.intensity_unavailable}
+        return {"looked_at": False, "why_not": verdict.images.no_grey}
     return {
         "looked_at": True,
         "outcome": grey.outcome.value,

@@ -91,7 +91,7 @@ def test_a_charge_that_approaches_its_end_is_one_effect() -> None:
 
     assert (found.outcome, told.name) == (Outcome.IDENTIFIED, "charging_local_lens")
     assert peak.sigma < 0.1 * peak.value
-    assert abs(peak.value - hidden.peak_px * -math.expm1(-found.duration_s / hidden.charging_s)) < 3.0 * peak.sigma
+    assert abs(peak.value - hidden.peak_px * -math.expm1(-found.run.duration_s / hidden.charging_s)) < 3.0 * peak.sigma
 
 
 def test_a_slow_drift_is_no_jump_at_every_step(drifting: Observation) -> None:

@@ -306,7 +306,7 @@ def test_grey_without_a_law_goes_along_with_a_charge_only(quiet: IntensityDiagno
     strange = replace(quiet, outcome=Outcome.UNKNOWN, unexplained="frames differ by 2 grey levels")
     found = add_intensity_verdict(of_maps(outcome, effect(name)), strange)
     assert found.outcome is joint
-    assert found.grey is strange
+    assert found.images.grey is strange
 
 
 def test_two_names_that_would_do_come_with_an_experiment(quiet: IntensityDiagnosis) -> None:
