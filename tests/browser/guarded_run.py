@@ -53,9 +53,9 @@ class Run:
 
     def export(self, number: int, name: str) -> None:
         """A file that nobody can read arrives."""
-        told = FileMessage(export=number, name=name, size=4, sha256="", mtime_ns=0, arrival_time_ns=0, decision="arrived", reason="")
+        reported = FileMessage(export=number, name=name, size=4, sha256="", mtime_ns=0, arrival_time_ns=0, decision="arrived", reason="")
         self.recorder.write(SEM_ORIGINAL, b"none", sequence=number)
-        self.recorder.write("/sem/file", told)
+        self.recorder.write("/sem/file", reported)
         self.recorder.flush()
 
     def enter(self, state: str) -> None:
@@ -76,9 +76,9 @@ def guarded_run(folder: Path) -> Iterator[Run]:
     recorder.write("/run", RunMessage(run="run", started_time_ns=clock.now_ns(), host="lab", versions={}, config={}))
     process = page_of(folder, "--control", str(control.port), "--token-sha256", token_digest(control.token))
     assert process.stdout is not None
-    one = Run(int(process.stdout.readline()), control, recorder, clock, heard)
-    one.enter("holding")
-    yield one
+    item = Run(int(process.stdout.readline()), control, recorder, clock, heard)
+    item.enter("holding")
+    yield item
     process.communicate()
     recorder.close()
     leave()

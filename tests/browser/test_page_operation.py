@@ -30,16 +30,16 @@ def test_a_map_on_its_way_lends_its_name_and_unit_to_no_other(run: Run, tab: Cal
     run.recorder.flush()
     page, held = tab(), []
     page.goto(f"http://127.0.0.1:{run.port}/")
-    told = page.locator("#map-now")
-    expect(told).to_contain_text("disparity u, as measured, frame 1: mean 0.500 px")
+    reported = page.locator("#map-now")
+    expect(reported).to_contain_text("disparity u, as measured, frame 1: mean 0.500 px")
     page.route("**/zncc*", lambda route: held.append(route))
     with page.expect_request("**/zncc*"):
         page.get_by_label("Show").select_option("zncc")
     page.locator("#map").focus()
     page.keyboard.press("ArrowRight")
-    expect(told).to_contain_text("0.5000 px; mean 0.500 px")
+    expect(reported).to_contain_text("0.5000 px; mean 0.500 px")
     held[0].continue_()
-    expect(told).to_contain_text(": 1.000 ; mean 1.00")
+    expect(reported).to_contain_text(": 1.000 ; mean 1.00")
 
 
 def test_the_newest_frame_is_shown_though_it_came_while_another_was_fetched(run: Run, tab: Callable[..., Page]) -> None:
@@ -55,8 +55,8 @@ def test_the_newest_frame_is_shown_though_it_came_while_another_was_fetched(run:
 
 
 def test_readers_of_screens_find_their_way(run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]) -> None:
-    asked = {"text": "in MICROTEST, bring the load to 100 N", "question": "terminal.1", "wanted": "load_n"}
-    run.recorder.write("/operator", OperatorMessage(time_ns=run.clock.now_ns(), what="asked", args=asked))
+    requests = {"text": "in MICROTEST, bring the load to 100 N", "question": "terminal.1", "wanted": "load_n"}
+    run.recorder.write("/operator", OperatorMessage(time_ns=run.clock.now_ns(), what="asked", args=requests))
     run.enter("paused")
     for scheme in ("light", "dark"):
         page = tab(color_scheme=scheme)

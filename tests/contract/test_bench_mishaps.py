@@ -172,6 +172,6 @@ def test_a_frame_during_which_the_gage_said_nothing_has_an_empty_field(tmp_path:
     )
     assert main(["--scenario", str(path), "--out", str(tmp_path / "out")]) == 0
     lines = (tmp_path / "out" / "frames.csv").read_text().splitlines()
-    said = [line.split(",")[-1] for line in lines[1:]]
-    assert said[:2] == ["", ""]
-    assert float(said[2]) == pytest.approx(1.005 * 300.0 / 711_000 + 4e-6, abs=1e-5)
+    printed = [line.split(",")[-1] for line in lines[1:]]
+    assert printed[:2] == ["", ""]
+    assert float(printed[2]) == pytest.approx(1.005 * 300.0 / 711_000 + 4e-6, abs=1e-5)

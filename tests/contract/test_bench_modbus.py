@@ -163,8 +163,8 @@ def test_a_strain_gage_says_the_strain_and_a_fault_its_reason(bench: Served) -> 
     assert abs(read_f32(bench.inputs(301, 2))) < 15e-6
     bench.client.write_registers(0, [*f32(1000.0), *f32(100.0), 1, 1, 0, 0], device_id=1)
     bench.until(lambda: bench.inputs(3, 1) == [0])
-    said = read_f32(bench.inputs(301, 2))
-    assert said == pytest.approx(1.005 * 1000.0 / 711_000 + 4e-6, abs=16e-6)
+    printed = read_f32(bench.inputs(301, 2))
+    assert printed == pytest.approx(1.005 * 1000.0 / 711_000 + 4e-6, abs=16e-6)
     bench.machine.trip_watchdog()
     assert bench.inputs(3, 1) == [2]
     assert bench.inputs(300, 1) == [2]

@@ -247,13 +247,13 @@ def test_a_scenario_plans_trouble_for_a_while(tmp_path: Path) -> None:
         found = troubles.take(line, troubles.mark())
         return found.kind if found else None
 
-    seen: list[tuple[LineFault | None, LineFault | None]] = []
+    observed: list[tuple[LineFault | None, LineFault | None]] = []
     clock.now_ns = lambda: now  # type: ignore[method-assign]
     for second in (19, 21, 26, 31, 66):
         now = clock.start_ns + second * 1_000_000_000
-        seen.append((what(Line.TCP), what(Line.RTU)))
+        observed.append((what(Line.TCP), what(Line.RTU)))
     late, lost = LineFault.LATE, LineFault.LOST
-    assert seen == [(None, None), (lost, None), (lost, late), (late, late), (None, None)]
+    assert observed == [(None, None), (lost, None), (lost, late), (late, late), (None, None)]
 
 
 def test_nothing_is_slower_for_it(bench: Troubled) -> None:

@@ -42,17 +42,17 @@ class Watched:
 
 
 def test_a_whole_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) -> None:
-    one = Watched(tmp_path, {"a.tif"})
+    item = Watched(tmp_path, {"a.tif"})
     (tmp_path / "a.tif").write_bytes(image(1))
-    one.wait(100)
-    assert (one.files, one.refused) == ([], [])
-    (notice,) = one.said
+    item.wait(100)
+    assert (item.files, item.refused) == ([], [])
+    (notice,) = item.said
     assert notice.startswith("a.tif: another program has had it open for 2")
     assert notice.endswith("it is taken when that lets go of it.")
-    one.held.clear()
-    one.wait(6)
-    assert [file.data for file in one.files] == [image(1)]
-    assert one.refused == []
+    item.held.clear()
+    item.wait(6)
+    assert [file.data for file in item.files] == [image(1)]
+    assert item.refused == []
 
 
 def test_what_the_system_says_of_a_held_file_is_known() -> None:

@@ -81,8 +81,8 @@ def test_stresses_around_a_hole_are_in_equilibrium(semi_px: tuple[float, float])
 def scene(width: int = 160, height: int = 120, **effects: object) -> Scenario:
     paper = load_scenario("paper_x200")
     scan = dataclasses.replace(paper.scan, width_px=width, height_px=height, frame_time_s=height * paper.scan.row_time_s)
-    quiet = dataclasses.replace(paper.detector, read_noise=0.0, shot_noise=0.0, bits=16)
-    return dataclasses.replace(paper, scan=scan, detector=quiet, effects=build_effects(effects))
+    silent = dataclasses.replace(paper.detector, read_noise=0.0, shot_noise=0.0, bits=16)
+    return dataclasses.replace(paper, scan=scan, detector=silent, effects=build_effects(effects))
 
 
 HOLE = {"defaults": "x200", "radius_px": 20.0}

@@ -146,12 +146,12 @@ def test_an_integrated_frame_of_film_is_the_mean_of_what_each_visit_saw() -> Non
     assert isinstance(film, GoldFilm)
     for y in range(0, 24, 5):
         for x in range(1, 40, 6):
-            seen = []
+            observed = []
             for visit in range(16):
                 time_s = START_S + visit_s(world, x, y, visit)
                 point = point_seen_unstrained(world, drift, jump_s, time_s, x, y, (time_s - START_S) / scan.duration_s)
-                seen.append(film_at(film, *point))
-            grey = detector.offset + detector.gain * sum(seen) / 16
+                observed.append(film_at(film, *point))
+            grey = detector.offset + detector.gain * sum(observed) / 16
             assert image[y, x] == pytest.approx(grey, abs=0.01)  # rounding of 16 bit is 0.002; 1e-4 px on an edge of 30 levels per px 0.003
 
 

@@ -102,14 +102,14 @@ def test_the_work_of_a_frame_is_spread_evenly_over_its_time(kind: str) -> None:
     column = load_scenario("paper_x10000").column()
     column = replace(column, scan=replace(column.scan, **{"integrations": 16, **SCANS[kind]}))
     work = row_passes(column)
-    due_s = np.array([one.end_s for one in work])
-    rows = np.array([one.end_row - one.first_row for one in work])
+    due_s = np.array([item.end_s for item in work])
+    rows = np.array([item.end_row - item.first_row for item in work])
     done = np.cumsum(rows) / rows.sum()
     assert np.all(np.diff(due_s) >= 0)
     band = 57 / 884 if kind == "lines" else 57 / 884 / column.visits  # all visits of a line come before the next line's
     assert np.abs(done - due_s / column.duration_s).max() < band
-    seen = {(row, one.visit) for one in work for row in range(one.first_row, one.end_row)}
-    assert len(seen) == rows.sum() == column.visits * column.scan.height_px
+    observed = {(row, item.visit) for item in work for row in range(item.first_row, item.end_row)}
+    assert len(observed) == rows.sum() == column.visits * column.scan.height_px
 
 
 def test_the_memory_of_motion_reaches_over_a_long_frame() -> None:

@@ -115,5 +115,5 @@ DEFORMED: tuple[str, ...] = tuple(_BY_NAME)
 
 def deformed(effect: Effect) -> Effect:
     """The same effect with another law of time."""
-    values = {one.name: getattr(effect, one.name) for one in fields(effect)}  # pyright: ignore[reportArgumentType]
+    values = {item.name: getattr(effect, item.name) for item in fields(effect)}  # pyright: ignore[reportArgumentType]
     return _BY_NAME[effect.name](**values)

@@ -66,10 +66,10 @@ def parametric(experiment: Experiment) -> Found:
 
     def correct(dmap: DisparityMap) -> Correction:
         there = here + np.stack((dmap.u_px.ravel(), dmap.v_px.ravel()), axis=1)
-        u, v = (one.reshape(dmap.grid.shape) for one in (total(there, dmap.current) - total(here, 0)).T)
+        u, v = (item.reshape(dmap.grid.shape) for item in (total(there, dmap.current) - total(here, 0)).T)
         return Correction(dmap.current, u, v)
 
-    ex, ey = (one.reshape(experiment.grid.shape) for one in fit.at(here).T)
+    ex, ey = (item.reshape(experiment.grid.shape) for item in fit.at(here).T)
     known = np.ones(experiment.grid.shape, dtype=np.bool_)
     return Found(DistortionField(experiment.grid, ex, ey, np.zeros(experiment.grid.shape), known), correct)
 

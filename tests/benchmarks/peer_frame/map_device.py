@@ -170,5 +170,5 @@ async def _serve(port: int, log: str, kind: str, given: dict[str, float]) -> Non
 
 
 if __name__ == "__main__":
-    named = {name: float(value) for name, value in (one.split("=") for one in sys.argv[4:])}
+    named = {name: float(value) for name, value in (item.split("=") for item in sys.argv[4:])}
     asyncio.run(_serve(int(sys.argv[1]), sys.argv[2], sys.argv[3], named))

@@ -87,8 +87,8 @@ class Server:
 
     def note(self, what: str) -> None:
         """A line of the log."""
-        one = self.machine
-        self._log.write(f"{time.monotonic():.6f} F={one.force_n:.3f} E={one.extension_mm:.5f} mv={int(one.moving)} {what}\n")
+        item = self.machine
+        self._log.write(f"{time.monotonic():.6f} F={item.force_n:.3f} E={item.extension_mm:.5f} mv={int(item.moving)} {what}\n")
         self._log.flush()
 
     # ---- Modbus
@@ -174,8 +174,9 @@ class Control(asyncio.DatagramProtocol):
         if not data.startswith(b"?"):
             self._server.command(data.decode().strip())
             return
-        one = self._server.machine
-        text = f"{time.monotonic():.6f} {one.force_n:.4f} {one.extension_mm:.6f} {int(one.moving)} {one.target_n:.3f} {one.rate_n_s:.3f} 0"
+        true = self._server.machine
+        motion = f"{int(true.moving)} {true.target_n:.3f} {true.rate_n_s:.3f} 0"
+        text = f"{time.monotonic():.6f} {true.force_n:.4f} {true.extension_mm:.6f} {motion}"
         self._transport.sendto(text.encode(), addr)
 
 
@@ -199,4 +200,4 @@ async def _serve(port: int, log: str, given: dict[str, float]) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(_serve(int(sys.argv[1]), sys.argv[2], {name: float(value) for name, value in (one.split("=") for one in sys.argv[3:])}))
+    asyncio.run(_serve(int(sys.argv[1]), sys.argv[2], {name: float(value) for name, value in (item.split("=") for item in sys.argv[3:])}))

@@ -132,7 +132,7 @@ class Machine:
         return noted
 
     def _ramped(self, dt: float) -> str | None:
-        one, rate = self.character, self.rate_n_s * (self.switches.ratex or 1.0)
+        item, rate = self.character, self.rate_n_s * (self.switches.ratex or 1.0)
         target = self.switches.hiddentarget or self.target_n * (self.switches.targetx or 1.0)
         gap = target - self._setpoint_n
         arrived = abs(gap) <= rate * dt and not self.switches.runaway
@@ -140,9 +140,9 @@ class Machine:
         self._setpoint_n = target if arrived else self._setpoint_n + slope * dt
         force_n, stiffness = self._sensed(), max(self._stiffness(), 1.0)
         way = -1.0 if self.switches.wrongway else 1.0
-        pull = one.servo_rad_s**2 * (self._setpoint_n - force_n) / stiffness
-        self._speed_mm_s += dt * (way * pull - 2.0 * one.damping * one.servo_rad_s * (self._speed_mm_s - way * slope / stiffness))
-        fastest = one.speed_mm_s * (self.switches.ratex or 1.0)
+        pull = item.servo_rad_s**2 * (self._setpoint_n - force_n) / stiffness
+        self._speed_mm_s += dt * (way * pull - 2.0 * item.damping * item.servo_rad_s * (self._speed_mm_s - way * slope / stiffness))
+        fastest = item.speed_mm_s * (self.switches.ratex or 1.0)
         self._speed_mm_s = min(max(self._speed_mm_s, -fastest), fastest)
         slowed = 1.0
         if self._stop_at_s is not None and self.switches.coast:
@@ -166,16 +166,16 @@ class Machine:
         return None
 
     def _at_rest(self, dt: float) -> None:
-        one, stiffness = self.character, max(self._stiffness(), 1.0)
-        bound = one.relax * (self.force_n + self.relaxed_n)
-        if one.relax and self.relaxed_n < bound:
-            self.relaxed_n += dt / one.relax_s * (bound - self.relaxed_n)
-            if one.hold_force:
-                self.extension_mm += dt / one.relax_s * (bound - self.relaxed_n) / stiffness
+        item, stiffness = self.character, max(self._stiffness(), 1.0)
+        bound = item.relax * (self.force_n + self.relaxed_n)
+        if item.relax and self.relaxed_n < bound:
+            self.relaxed_n += dt / item.relax_s * (bound - self.relaxed_n)
+            if item.hold_force:
+                self.extension_mm += dt / item.relax_s * (bound - self.relaxed_n) / stiffness
         self.extension_mm += dt * self.switches.creep / stiffness
-        if one.hunt_n and self.force_n > 20.0:
-            turn = 2.0 * math.pi * one.hunt_hz
-            self.extension_mm += dt * turn * one.hunt_n * math.cos(turn * self._now_s) / stiffness
+        if item.hunt_n and self.force_n > 20.0:
+            turn = 2.0 * math.pi * item.hunt_hz
+            self.extension_mm += dt * turn * item.hunt_n * math.cos(turn * self._now_s) / stiffness
 
     # ---- the specimen
 
@@ -183,19 +183,19 @@ class Machine:
         return self.character.stiffness_n_mm * (self.character.toe_part if self.force_n < self.character.toe_n else 1.0)
 
     def _load(self) -> None:
-        one = self.character
-        way, soft = max(0.0, self.extension_mm - one.slack_mm), one.stiffness_n_mm * one.toe_part
-        bend = one.toe_n / soft if one.toe_n else 0.0
-        elastic = soft * min(way, bend) + one.stiffness_n_mm * max(0.0, way - bend)
+        item = self.character
+        way, soft = max(0.0, self.extension_mm - item.slack_mm), item.stiffness_n_mm * item.toe_part
+        bend = item.toe_n / soft if item.toe_n else 0.0
+        elastic = soft * min(way, bend) + item.stiffness_n_mm * max(0.0, way - bend)
         if self.extension_mm < 0.0:
-            elastic = one.stiffness_n_mm * self.extension_mm
+            elastic = item.stiffness_n_mm * self.extension_mm
         self.force_n = elastic - self.relaxed_n if elastic > 0.0 else elastic
 
     def _inverse(self, force_n: float) -> float:
-        one = self.character
-        soft = one.stiffness_n_mm * one.toe_part
-        bend = min(force_n, one.toe_n)
-        return one.slack_mm + bend / soft + (force_n - bend) / one.stiffness_n_mm
+        item = self.character
+        soft = item.stiffness_n_mm * item.toe_part
+        bend = min(force_n, item.toe_n)
+        return item.slack_mm + bend / soft + (force_n - bend) / item.stiffness_n_mm
 
     # ---- the cell
 
@@ -226,12 +226,12 @@ class Machine:
 
     def shown(self) -> Shown:
         """Present values of the registers."""
-        s, one, now_s = self.switches, self.character, time.monotonic()
-        if now_s >= self._value[0] + one.cell_s:
-            force_n = self._spoilt(self._filtered_n) + one.drift_n_s * (now_s - self._born_s)
+        s, item, now_s = self.switches, self.character, time.monotonic()
+        if now_s >= self._value[0] + item.cell_s:
+            force_n = self._spoilt(self._filtered_n) + item.drift_n_s * (now_s - self._born_s)
             if not (s.freeze or (s.freezeat and self._frozen_n is not None)):
-                force_n += self._chance.gauss(0.0, one.noise_n)
-            force_n = round(force_n / one.lsb_n) * one.lsb_n if one.lsb_n else force_n
+                force_n += self._chance.gauss(0.0, item.noise_n)
+            force_n = round(force_n / item.lsb_n) * item.lsb_n if item.lsb_n else force_n
             self._value = (now_s, math.floor(force_n / s.sticky) * s.sticky if s.sticky else force_n)
         force_n = self._value[1]
         if s.spike > 0:
@@ -241,11 +241,11 @@ class Machine:
         return Shown(self._state(), force_n, self._extension(), self.target_n, int(self._count) % 2**32)
 
     def _extension(self) -> float:
-        s, one = self.switches, self.character
+        s, item = self.switches, self.character
         self._frozen_mm = None if not s.efreeze else self.extension_mm if self._frozen_mm is None else self._frozen_mm
         value = self.extension_mm if self._frozen_mm is None else self._frozen_mm
-        value += self._chance.gauss(0.0, one.extension_noise_mm) if self._frozen_mm is None else 0.0
-        return round(value / one.extension_lsb_mm) * one.extension_lsb_mm + s.ejump
+        value += self._chance.gauss(0.0, item.extension_noise_mm) if self._frozen_mm is None else 0.0
+        return round(value / item.extension_lsb_mm) * item.extension_lsb_mm + s.ejump
 
     def _state(self) -> int:
         s = self.switches
@@ -255,6 +255,6 @@ class Machine:
 
     def reply_latency_s(self, link: int = 0) -> float:
         """How long the next reply on a link takes, s."""
-        one = self.character
-        added = self._chance.expovariate(1.0 / one.jitter_s) if one.jitter_s else 0.0
-        return min(one.latency_s + added, 0.25) + (self.switches.delay / 1e3 if self.switches.concern(link) else 0.0)
+        item = self.character
+        added = self._chance.expovariate(1.0 / item.jitter_s) if item.jitter_s else 0.0
+        return min(item.latency_s + added, 0.25) + (self.switches.delay / 1e3 if self.switches.concern(link) else 0.0)

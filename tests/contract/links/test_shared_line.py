@@ -150,7 +150,7 @@ def test_a_line_that_is_gone_is_opened_anew_by_both(path: str) -> None:
 
 
 def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
-    turns, served, begun = PriorityLock(), list[str](), threading.Event()
+    turns, served, started = PriorityLock(), list[str](), threading.Event()
 
     def want(name: str, urgent: bool) -> threading.Thread:
         def run() -> None:
@@ -164,7 +164,7 @@ def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
         return thread
 
     with turns.acquired(False):
-        begun.set()
+        started.set()
         threads = [want("a", False), want("b", False), want("stop", True), want("stop too", True)]
     for thread in threads:
         thread.join()

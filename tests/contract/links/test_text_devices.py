@@ -29,9 +29,9 @@ class Amplifier:
 
     def __call__(self, line: str) -> str:
         self.asked.append(line)
-        told = {"STN?": 7.0, "SYS?": self.load, "STAT?": float(self.stat)}
+        reported = {"STN?": 7.0, "SYS?": self.load, "STAT?": float(self.stat)}
         station, _, what = line.partition(":")
-        return "" if station != "!007" else f"{told[what]:+.6f}\r" if what in told else "?\r"
+        return "" if station != "!007" else f"{reported[what]:+.6f}\r" if what in reported else "?\r"
 
 
 def test_an_amplifier_tells_its_load_in_the_unit_of_the_configuration() -> None:
@@ -51,7 +51,7 @@ def test_an_amplifier_tells_its_load_in_the_unit_of_the_configuration() -> None:
         frame.close()
         with pytest.raises(LinkRefused, match="is another device than Mantracourt DSC"):
             open_load_frame({"map": "mantracourt_dsc", "serial": line, "station": 3, "timeout_s": 0.05}, CLOCK)
-    assert not [asked for asked in amplifier.asked if "?" not in asked]
+    assert not [requests for requests in amplifier.asked if "?" not in requests]
 
 
 CHECKED = """
@@ -70,13 +70,13 @@ def test_units_in_the_reply_and_checksums_on_every_line(tmp_path: Path) -> None:
     path = tmp_path / "checked.yaml"
     path.write_text(CHECKED, encoding="utf-8")
     replies = ["F=+2.5 kN*34", "F=+2.5 lbF*2B", "F=+2.5 kN*00", "F=+2.5 stone*12", "NAK*44"]
-    asked = []
+    requests = []
 
     def answer(line: str) -> str:
-        asked.append(line)
-        text = replies[min(len(asked), len(replies)) - 1]
-        body, _, said = text.partition("*")
-        return (text if said == "00" else with_check(body.encode(), Checksum(CheckKind.XOR, "*")).decode()) + "\r\n"
+        requests.append(line)
+        text = replies[min(len(requests), len(replies)) - 1]
+        body, _, printed = text.partition("*")
+        return (text if printed == "00" else with_check(body.encode(), Checksum(CheckKind.XOR, "*")).decode()) + "\r\n"
 
     with over_text(answer) as line:
         frame = open_load_frame({"map": str(path), "serial": {"port": line, "slowest_s": 0.05}}, CLOCK)
@@ -88,7 +88,7 @@ def test_units_in_the_reply_and_checksums_on_every_line(tmp_path: Path) -> None:
         with pytest.raises(LinkError, match="does not understand 'RD'"):
             frame.read()
         frame.close()
-    assert set(asked) == {"RD*16"}
+    assert set(requests) == {"RD*16"}
 
 
 @given(st.floats(-900, 900), st.integers(0, 3))
@@ -213,10 +213,10 @@ def test_a_dialogue_may_state_further_stops_and_the_ends_of_a_sensor(tmp_path: P
     more = ["ranges: {force: [-500, 500]}", 'other_stops: [{says: power off, steps: [{send: "o\\r"}]}]']
     text = ["protocol: ascii", "name: mine", "source: mine", "asks: {load: {send: \"f\\r\", reply: '(?P<force>[-+]?[0-9.]+)'}}"]
     path.write_text("\n".join([*text, "every_turn: [load]", *more]), encoding="utf-8")
-    heard, load = [], ["+500.0\r\n"]
+    received, load = [], ["+500.0\r\n"]
 
     def answer(line: str) -> str:
-        heard.append(line)
+        received.append(line)
         return load[0] if line == "f" else ""
 
     with over_text(answer) as line:
@@ -228,5 +228,5 @@ def test_a_dialogue_may_state_further_stops_and_the_ends_of_a_sensor(tmp_path: P
         assert isinstance(frame, StopMethods)
         assert frame.stop_methods == ("power off",)
         frame.stop_by(0)
-        wait_until(lambda: "o" in heard)
+        wait_until(lambda: "o" in received)
         frame.close()

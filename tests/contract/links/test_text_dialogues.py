@@ -121,18 +121,18 @@ def test_a_setting_that_somebody_changes_in_a_ramp_is_noticed_and_ends_it(
 
 
 def test_settings_that_nobody_changes_are_no_other_order(stand: Stand, frame: CompositeLoadFrame) -> None:
-    seen = [frame.read()]
+    observed = [frame.read()]
 
     def rests() -> bool:
-        seen.append(frame.read())
-        return seen[-1].motion is MotionState.STOPPED
+        observed.append(frame.read())
+        return observed[-1].motion is MotionState.STOPPED
 
     for target_n in (150.0, 40.0):
         frame.ramp_to(target_n, 100.0)
         wait_until(rests)
         frame.stop()
-        seen += [frame.read() for _ in range(3)]
-    assert {one.order_changed for one in seen} == {None}
+        observed += [frame.read() for _ in range(3)]
+    assert {item.order_changed for item in observed} == {None}
 
 
 def test_a_late_answer_is_refused_and_the_next_ones_are_right(stand: Stand) -> None:
@@ -205,9 +205,9 @@ def test_a_force_in_another_unit_is_the_same_force(stand: Stand, frame: LoadFram
 
 def test_a_look_at_the_stand_gives_no_order(stand: Stand) -> None:
     found = check_frame("mark10_esm", {"unit": 1, "timeout_s": 0.5, "serial": {"port": stand.path, "slowest_s": 0.2}}, CLOCK)
-    said = {finding.what: finding for finding in found.findings}
-    assert said["force"].verdict is Verdict.OK
-    assert said["motion"].observation == "S"
+    printed = {finding.what: finding for finding in found.findings}
+    assert printed["force"].verdict is Verdict.OK
+    assert printed["motion"].observation == "S"
     assert found.passed
     with pytest.raises(BadConfig, match="mark10_esm is connected by a serial line; give its path"):
         check_frame("mark10_esm", {"host": "127.0.0.1", "port": 502}, CLOCK)

@@ -108,8 +108,8 @@ def torn_log(lab: Lab) -> Observation:
     lab.daemon.send_signal(signal.SIGINT)
     code, _ = lab.end()
     assert code == 1
-    kept = len([entry for entry in lab.logged("/load_frame/sample")])
-    assert kept > samples * 0.8
+    stored = len([entry for entry in lab.logged("/load_frame/sample")])
+    assert stored > samples * 0.8
     lab.require_complete_log()
     return Observation("recovered, the damaged original kept in the same folder, resumed with the complete hold")
 

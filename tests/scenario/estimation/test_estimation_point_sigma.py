@@ -32,13 +32,15 @@ def test_a_correction_errs_at_points_by_what_is_stated(case: str) -> None:
     for seed in (1, 2, 3):
         experiment = make_experiment(SMALL[case], seed, GRID, CALIBRATION_PAIRS)
         solution = solved(experiment)
-        for seen in (seen for taken in experiment.pairs for seen in taken.seen):
+        for observed in (observed for taken in experiment.pairs for observed in taken.seen):
             noisy = next(
-                one for one in experiment.pairs[seen.exact.current // 2].maps if (0, seen.exact.current) == (one.reference, one.current)
+                item
+                for item in experiment.pairs[observed.exact.current // 2].maps
+                if (0, observed.exact.current) == (item.reference, item.current)
             )
             sigma = np.stack(next(estimate.correction_sigmas(solution, (noisy,))), axis=-1)
-            moved = mechanics.displacement(seen.exact, estimate.correction(solution, seen.exact))
-            error = (np.stack((moved.u_px, moved.v_px), axis=-1) - seen.displacement_px)[moved.valid]
+            moved = mechanics.displacement(observed.exact, estimate.correction(solution, observed.exact))
+            error = (np.stack((moved.u_px, moved.v_px), axis=-1) - observed.displacement_px)[moved.valid]
             z.append((error - error.mean(axis=0)) / sigma[moved.valid])
     assert 0.6 < np.sqrt(np.mean(np.concatenate(z) ** 2)) < 1.15
 

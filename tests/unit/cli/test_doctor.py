@@ -43,7 +43,7 @@ def config(folder: Path, **changes: Any) -> Path:
 
 def told(path: Path) -> tuple[dict[str, dict[str, str]], Any]:
     done = CliRunner().invoke(app, ["doctor", str(path), "--json"])
-    return {one["what"]: one for one in json.loads(done.stdout)["findings"]}, done
+    return {item["what"]: item for item in json.loads(done.stdout)["findings"]}, done
 
 
 def test_all_is_well_and_nothing_is_left_behind(tmp_path: Path) -> None:
@@ -65,9 +65,9 @@ def test_what_is_wrong_is_said_with_what_to_do(tmp_path: Path) -> None:
         path = config(tmp_path, load_frame={"driver": "assembled", "settings": parts}, stage={"driver": "teleport"})
         (tmp_path / "export").rmdir()
         _, done = told(path)
-    bad = [one for one in json.loads(done.stdout)["findings"] if one["verdict"] == "bad"]
+    bad = [item for item in json.loads(done.stdout)["findings"] if item["verdict"] == "bad"]
     assert len(bad) == 4, bad
-    assert all(one["advice"] for one in bad)
+    assert all(item["advice"] for item in bad)
     assert isinstance(done.exception, SemliveError)
     assert "4 of" in str(done.exception)
 
@@ -86,8 +86,8 @@ def test_a_share_is_known_by_its_mount(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_bad(tmp_path: Path) -> None:
-    room, kept = computer.disk(tmp_path / "not" / "yet", 10**18)
-    assert (room.verdict, kept.verdict) == (Verdict.FAILED, Verdict.OK)
+    room, stored = computer.disk(tmp_path / "not" / "yet", 10**18)
+    assert (room.verdict, stored.verdict) == (Verdict.FAILED, Verdict.OK)
     assert "run.folder" in room.advice
 
 
@@ -132,7 +132,7 @@ def test_a_test_frame_is_judged_without_a_configuration(tmp_path: Path, contrast
     tifffile.imwrite(tmp_path / "frame.tif", image)
     done = CliRunner().invoke(app, ["doctor", "--test-frame", str(tmp_path / "frame.tif"), "--json"])
     printed = json.loads(done.stdout)
-    finding = next(one for one in printed["findings"] if one["what"] == "pattern")
+    finding = next(item for item in printed["findings"] if item["what"] == "pattern")
     assert finding["verdict"] == verdict
     assert finding["said"].startswith(f"method {method}, subset ")
     assert ("global method" in finding["advice"]) == (method == "global")

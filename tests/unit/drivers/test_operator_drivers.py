@@ -179,13 +179,13 @@ def test_a_trigger_asks_the_operator(desk: Desk) -> None:
 
 
 def test_a_line_goes_to_whoever_asked_last(desk: Desk) -> None:
-    heard: list[str] = []
-    desk.console.ask("first?", lambda line: heard.append(f"first {line}") is None)
-    desk.console.ask("second?", lambda line: heard.append(f"second {line}") is None)
+    received: list[str] = []
+    desk.console.ask("first?", lambda line: received.append(f"first {line}") is None)
+    desk.console.ask("second?", lambda line: received.append(f"second {line}") is None)
     for line in ("a", "b", "c"):
         desk.types(line)
-    until(lambda: len(heard) == 2)
-    assert heard == ["second a", "first b"]
+    until(lambda: len(received) == 2)
+    assert received == ["second a", "first b"]
 
 
 def test_a_stop_is_displayed_as_long_as_the_load_of_the_file_changes_after_arrival(desk: Desk, tmp_path: Path) -> None:

@@ -78,27 +78,27 @@ def first_finding(
 
 def frozen_from(t0_s: float) -> Callable[[float, float], float]:
     """A reading that stands still from `t0_s` after the order."""
-    kept: list[float] = []
+    stored: list[float] = []
 
     def shown(force_n: float, t_s: float) -> float:
         if t_s < t0_s:
             return force_n
-        kept.append(force_n)
-        return kept[0]
+        stored.append(force_n)
+        return stored[0]
 
     return shown
 
 
 def all_frozen_from(t0_s: float) -> Machine:
     """A device whose measurements all stand still from `t0_s` after the order, while it goes on."""
-    kept: list[float] = []
+    stored: list[float] = []
 
     def shown(force_n: float, t_s: float) -> float:
-        if t_s >= t0_s and not kept:
-            kept.append(force_n)
-        return kept[0] if kept else force_n
+        if t_s >= t0_s and not stored:
+            stored.append(force_n)
+        return stored[0] if stored else force_n
 
-    return Machine(ends=False, shown=shown, shown_mm=lambda mm: min(mm, kept[0] / STIFFNESS) if kept else mm)
+    return Machine(ends=False, shown=shown, shown_mm=lambda mm: min(mm, stored[0] / STIFFNESS) if stored else mm)
 
 
 def stepped(lsb_mm: float) -> Callable[[float], float]:

@@ -43,7 +43,7 @@ def held(*loads_n: float) -> FrameByHand:
 
 
 def codes(run: Run) -> list[FaultCode]:
-    return [one.code for one in run.of(Transition) if one.code is not None]
+    return [item.code for item in run.of(Transition) if item.code is not None]
 
 
 def test_a_load_that_somebody_raised_in_the_hold_is_a_fault_and_is_not_driven_back() -> None:

@@ -86,7 +86,7 @@ def test_the_history_is_bounded_and_in_order() -> None:
     history = LoadHistory(keep_ns=100 * S)
     for i in range(5000):
         history = history.with_sample(i * S, 0.0)
-    kept = history.between(0, 10_000 * S)
-    assert 100 <= len(kept) <= 100 + 3 * 256
-    assert kept[-1][0] == 4999 * S
+    stored = history.between(0, 10_000 * S)
+    assert 100 <= len(stored) <= 100 + 3 * 256
+    assert stored[-1][0] == 4999 * S
     assert history.with_sample(10 * S, 1.0) is history

@@ -30,7 +30,7 @@ RATES = (2.0, 5.0, 30.0)
 
 
 def row_of(case: RampCase, code: FaultCode, fault: str = "") -> StopDistance:
-    (row,) = [one for one in stop_distances(case) if one.code is code and fault in one.fault]
+    (row,) = [item for item in stop_distances(case) if item.code is code and fault in item.fault]
     return row
 
 
@@ -175,13 +175,13 @@ def test_everything_at_rest_frozen_is_bounded_by_the_settle_time() -> None:
 
 
 def test_a_lost_link_ends_at_the_target_and_the_watchdog_bounds_it_sooner() -> None:
-    silent, cut = (one for one in stop_distances(CASE) if one.code is FaultCode.LINK_LOST)
+    silent, cut = (item for item in stop_distances(CASE) if item.code is FaultCode.LINK_LOST)
     assert silent.seconds == pytest.approx(0.05 + 0.3 + 0.3)
     assert silent.beyond_n == pytest.approx(30.0 * 0.65)
     assert (cut.beyond_n, cut.worst_n, cut.seconds) == (300.0, 300.0, 10.0)
-    _, watched = (one for one in stop_distances(replace(CASE, watchdog_s=2.0)) if one.code is FaultCode.LINK_LOST)
+    _, watched = (item for item in stop_distances(replace(CASE, watchdog_s=2.0)) if item.code is FaultCode.LINK_LOST)
     assert watched.beyond_n == pytest.approx(30.0 * 2.05)
-    _, driven = (one for one in stop_distances(DRIVEN) if one.code is FaultCode.LINK_LOST)
+    _, driven = (item for item in stop_distances(DRIVEN) if item.code is FaultCode.LINK_LOST)
     assert driven.beyond_n == pytest.approx(15.0)
     assert driven.travel_mm == pytest.approx(15.0 / STIFFNESS)
 
@@ -205,8 +205,10 @@ def test_the_worst_row_is_named_and_what_exceeds_the_limit_is_known() -> None:
 def test_compression_is_the_mirror_image() -> None:
     down = replace(CASE, target_n=-300.0, limits=replace(LIMITS, force_min_n=-400.0, force_max_n=400.0))
     up = replace(CASE, limits=down.limits)
-    assert [one.worst_n for one in stop_distances(down)] == [None if one.worst_n is None else -one.worst_n for one in stop_distances(up)]
-    assert [exceeds(one, down) for one in stop_distances(down)] == [exceeds(one, up) for one in stop_distances(up)]
+    assert [item.worst_n for item in stop_distances(down)] == [
+        None if item.worst_n is None else -item.worst_n for item in stop_distances(up)
+    ]
+    assert [exceeds(item, down) for item in stop_distances(down)] == [exceeds(item, up) for item in stop_distances(up)]
 
 
 def test_a_device_that_a_person_moves_has_no_rows() -> None:

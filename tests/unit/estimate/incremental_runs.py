@@ -91,7 +91,7 @@ def at_once(state: EstimatorState, prior: np.ndarray, asked_of: Callable[[np.nda
     total, rows_of_all = np.zeros((n + 2 * blocks,) * 2), []
     total[:n, :n] = prior
     level = np.zeros((blocks, 2))
-    for rows in sorted(state.rows, key=lambda one: (one.current, one.reference)):
+    for rows in sorted(state.rows, key=lambda item: (item.current, item.reference)):
         for axis, (index, design) in enumerate(map_columns(state, rows, state.linearisation_point)):
             whole, weight = np.zeros((blocks, n + 2 * blocks)), rows.weight[:, axis]
             whole[:, index] = design
@@ -107,9 +107,9 @@ def at_once(state: EstimatorState, prior: np.ndarray, asked_of: Callable[[np.nda
     solved = np.zeros(len(total))
     for _ in range(3):
         believed = prior @ solved[:n] if asked_of is None else asked_of(solved[:n])
-        asked = -np.concatenate((believed, noise * solved[n:]))
-        asked += np.sum([whole.T @ (weight * (value - whole @ solved)) for whole, weight, value in rows_of_all], axis=0)
-        solved += factor @ (asked * scale) * scale
+        requests = -np.concatenate((believed, noise * solved[n:]))
+        requests += np.sum([whole.T @ (weight * (value - whole @ solved)) for whole, weight, value in rows_of_all], axis=0)
+        solved += factor @ (requests * scale) * scale
     return solved[:n]
 
 
@@ -125,7 +125,7 @@ def named(state: EstimatorState, parameters: np.ndarray) -> dict[str, np.ndarray
 
 def close(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray]) -> bool:
     """Within 1e-9 of the largest parameter of each part."""
-    return all(np.abs(found[name] - one).max() <= 1e-9 * max(np.abs(one).max(), 1e-3) for name, one in wanted.items())
+    return all(np.abs(found[name] - item).max() <= 1e-9 * max(np.abs(item).max(), 1e-3) for name, item in wanted.items())
 
 
 def batch_of(known: Solution) -> dict[str, np.ndarray]:
@@ -133,7 +133,7 @@ def batch_of(known: Solution) -> dict[str, np.ndarray]:
     state, border, scale = known.state, known.shared_posterior.chain.border, known.hyper.noise_scale**2
     gauge, belief = gauge_precision(state), prior_precision(state, known.hyper)
     in_time = [
-        (parameter_indices(state.layout, one.codes(0, one.spline.size)), one) for one in temporal_splines(state, known.hyper, border)
+        (parameter_indices(state.layout, item.codes(0, item.spline.size)), item) for item in temporal_splines(state, known.hyper, border)
     ]
     rest = belief.copy()
     for at, _ in in_time:
@@ -143,8 +143,8 @@ def batch_of(known: Solution) -> dict[str, np.ndarray]:
     def asked_of(parameters: np.ndarray) -> np.ndarray:
         """By differences of knots: with third differences of 1e-5 px the product with the matrix loses six digits."""
         total = rest @ parameters
-        for at, one in in_time:
-            total[at] += one.prior_gradient(0, one.spline.size, parameters[at])
+        for at, item in in_time:
+            total[at] += item.prior_gradient(0, item.spline.size, parameters[at])
         return total * scale
 
     return named(state, at_once(state, (gauge + belief) * scale, asked_of))

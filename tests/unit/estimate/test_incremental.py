@@ -35,10 +35,10 @@ def test_every_pair_in_any_order_gives_the_batch(order: tuple[int, ...]) -> None
         assert sorted_state.drift == state.drift
         batch = relinearise(sorted_state, about_of(sorted_state, 3))
         expected = at_once(batch, gauge_precision(batch) + prior_precision(batch, Hyperparameters()))
-        found, wanted = named(moved, mean), named(batch, expected)
-        assert found.keys() == wanted.keys()
-        for name, one in found.items():
-            assert np.abs(one - wanted[name]).max() <= 1e-9 * max(np.abs(wanted[name]).max(), 1e-3), (order[:count], name)
+        found, required = named(moved, mean), named(batch, expected)
+        assert found.keys() == required.keys()
+        for name, item in found.items():
+            assert np.abs(item - required[name]).max() <= 1e-9 * max(np.abs(required[name]).max(), 1e-3), (order[:count], name)
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5), (0, 5, 4, 3, 2, 1), (0, 3, 1, 4, 2, 5)])
@@ -48,17 +48,17 @@ def test_the_newest_pair_and_all_before_it_are_those_of_the_batch(order: tuple[i
     for pair in order[1:]:
         state = estimating.update(state, pair, PHASES[pair], times(pair), maps(pair))
         known = estimating.solve_newest(state, known)
-        wanted = batch_of(known)
-        assert close(named(known.state, mean_of(known.shared_posterior)), wanted)
+        required = batch_of(known)
+        assert close(named(known.state, mean_of(known.shared_posterior)), required)
         filtered = named(known.state, known.mean)
-        last = max((0, *state.motions.pairs), key=lambda one: times(one)[0].start_s)
-        newest = {name: wanted[name] for name in ("distortion", "axes", *([f"motion {last}"] if last else []))}
+        last = max((0, *state.motions.pairs), key=lambda item: times(item)[0].start_s)
+        newest = {name: required[name] for name in ("distortion", "axes", *([f"motion {last}"] if last else []))}
         assert close(filtered, newest)
         assert state.drift is not None
         rows = state.drift.rows([when.start_s + 6.0 for when in times(last)])
         knots = state.drift.size
         np.testing.assert_allclose(
-            rows @ filtered["drift"][:knots].reshape(-1, 2), rows @ wanted["drift"][:knots].reshape(-1, 2), atol=1e-8
+            rows @ filtered["drift"][:knots].reshape(-1, 2), rows @ required["drift"][:knots].reshape(-1, 2), atol=1e-8
         )
 
 
@@ -69,12 +69,12 @@ def test_uncertainty_of_every_pair_is_that_of_the_whole_matrix() -> None:
     covariance = factorise(marginal(state)[0] * known.hyper.noise_scale**-2.0 + prior, sides(state)).inverse()
     sigma = np.sqrt(np.diag(covariance))
     ending = solve_shared(known.shared_posterior.chain)
-    found = {one.pair: one for one in pair_covariances(ending)}
+    found = {item.pair: item for item in pair_covariances(ending)}
     assert sorted(found) == [0, 1, 3, 4]
-    for one in found.values():
-        assert {*(np.arange(state.layout.size)[state.layout.part("drift")][:8])} <= {*one.index}
-        expected = covariance[np.ix_(one.index, one.index)]
-        assert np.abs((one.covariance - expected) / sigma[one.index, None] / sigma[one.index]).max() < 1e-6
+    for item in found.values():
+        assert {*(np.arange(state.layout.size)[state.layout.part("drift")][:8])} <= {*item.index}
+        expected = covariance[np.ix_(item.index, item.index)]
+        assert np.abs((item.covariance - expected) / sigma[item.index, None] / sigma[item.index]).max() < 1e-6
     part = state.layout.part("distortion")
     assert np.abs((distortion_covariance(ending) - covariance[part, part]) / sigma[part, None] / sigma[part]).max() < 1e-6
     assert np.abs((ending.covariance_of(np.eye(len(sigma))) - covariance) / sigma[:, None] / sigma).max() < 1e-6
@@ -116,7 +116,7 @@ def test_what_is_made_again_begins_with_nothing_chosen() -> None:
     whole = accumulated((0, 1, 2, 3))
     first = relinearise(whole, about_of(whole, 3))
     chosen = with_row_shifts(with_advected_distortion(first), row_groups(first), first.linearisation_point)
-    again = reset_model_selection(chosen, lambda one: one)
+    again = reset_model_selection(chosen, lambda item: item)
     assert (again.distortion.carried, again.row_shifts.size) == (False, 0)
     np.testing.assert_array_equal(again.linearisation_point, first.linearisation_point)
     np.testing.assert_allclose(again.precision, first.precision, rtol=1e-9, atol=1e-6)
@@ -126,15 +126,15 @@ def test_what_is_made_again_begins_with_nothing_chosen() -> None:
 def test_what_pairs_touch_is_as_uncertain_on_one_way_back_as_asked_one_by_one() -> None:
     known = estimating.solve(accumulated((0, 3, 1, 4)))
     layout, rng = known.state.layout, np.random.default_rng(5)
-    touched = {one.pair: one.index for one in pair_covariances(known.shared_posterior)}
+    touched = {item.pair: item.index for item in pair_covariances(known.shared_posterior)}
     border = parameter_indices(layout, known.shared_posterior.chain.border.codes()[: known.shared_posterior.chain.border.joint_size])
-    wanted = {pair: np.unique(np.concatenate((touched[pair], border))) for pair in (3, 0, 4)}
-    rows = {pair: (parameter_codes(layout, index), rng.normal(size=(3, len(index)))) for pair, index in wanted.items()}
+    required = {pair: np.unique(np.concatenate((touched[pair], border))) for pair in (3, 0, 4)}
+    rows = {pair: (parameter_codes(layout, index), rng.normal(size=(3, len(index)))) for pair, index in required.items()}
     found = covariances(known.shared_posterior, rows)
     assert list(found) == [3, 0, 4]
     for pair, (_, own) in rows.items():
         whole = np.zeros((3, layout.size))
-        whole[:, wanted[pair]] = own
+        whole[:, required[pair]] = own
         np.testing.assert_allclose(found[pair], known.covariance_of(whole), rtol=1e-6)
     with pytest.raises(KeyError):
         covariances(known.shared_posterior, {7: rows[3]})
@@ -151,7 +151,7 @@ def test_what_shifts_of_rows_took_off_is_given_back_when_they_are_in_the_model_n
     ending = solve_shared(eliminate_all(shifted, replace(plain.hyper, row_shift_px=0.05), mean))
     with_lines = Solution(shifted, ending.chain.hyper, mean, ending, plain.noise_floor_px)
     dmap = maps(2)[-1]
-    told, now = (estimating.correction_strain(one, dmap) for one in (with_lines, plain))
-    moved = estimating.strain_change(plain, told)
-    assert np.abs(told.value - now.value).max() > 1e-6
-    np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], told.value - now.value, atol=1e-12)
+    reported, now = (estimating.correction_strain(item, dmap) for item in (with_lines, plain))
+    moved = estimating.strain_change(plain, reported)
+    assert np.abs(reported.value - now.value).max() > 1e-6
+    np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], reported.value - now.value, atol=1e-12)

@@ -46,10 +46,10 @@ def test_a_long_run_makes_its_choices_anew() -> None:
     assert whole.hyper.rotation_rad != known.hyper.rotation_rad
     assert whole.hyper.noise_scale == pytest.approx(known.hyper.noise_scale, rel=0.02)  # its noise stayed the same
     assert whole.noise_floor_px / known.noise_floor_px == pytest.approx(whole.hyper.noise_scale / known.hyper.noise_scale)
-    assert [one.included for one in whole.terms] == [one.included for one in known.terms]
-    wanted = batch_of(whole)
-    for name, one in named(whole.state, whole.mean).items():  # as stiff as the data choose the drift to be, neither is better than this
-        np.testing.assert_allclose(one, wanted[name], atol=1e-7)
+    assert [item.included for item in whole.terms] == [item.included for item in known.terms]
+    required = batch_of(whole)
+    for name, item in named(whole.state, whole.mean).items():  # as stiff as the data choose the drift to be, neither is better than this
+        np.testing.assert_allclose(item, required[name], atol=1e-7)
     followed = estimating.solve_incremental(state, known)
     part = state.layout.part("distortion")
     sigma = np.sqrt(np.diag(distortion_covariance(whole.shared_posterior)))  # linearised about an earlier solution, so not quite the same
@@ -67,19 +67,19 @@ def test_choices_given_the_border_weigh_candidates_as_the_whole_matrix_does() ->
     band = banded_system(state, hypers[0], np.zeros(state.layout.size), nothing)
     local = parameter_indices(state.layout, band.codes)
     in_time = local < state.layout.part("axes").start  # drift and raster
-    found, wanted = [], []
+    found, required = [], []
     for hyper in hypers:
         believed = (prior_precision(state, hyper) + gauge_precision(state))[np.ix_(local, local)]
-        whole, asked = state.precision[np.ix_(local, local)] / 1.3**2 + believed, state.information[local] / 1.3**2
+        whole, requests = state.precision[np.ix_(local, local)] / 1.3**2 + believed, state.information[local] / 1.3**2
         parts = np.linalg.slogdet(believed[np.ix_(in_time, in_time)])[1], np.linalg.slogdet(whole)[1]
-        wanted.append(0.5 * (asked @ np.linalg.solve(whole, asked) + parts[0] - parts[1]))
+        required.append(0.5 * (requests @ np.linalg.solve(whole, requests) + parts[0] - parts[1]))
         found.append(log_evidence(band, hyper))
-    np.testing.assert_allclose(np.diff(found), np.diff(wanted), rtol=1e-6)
+    np.testing.assert_allclose(np.diff(found), np.diff(required), rtol=1e-6)
     near = np.random.default_rng(1).normal(0, 0.01, state.layout.size)
     border = band.border.place(parameter_codes(state.layout, np.arange(state.layout.size))) >= 0
     moved = banded_system(state, hypers[0], np.where(border, 0.0, near), nothing)
     np.testing.assert_allclose(
-        [log_evidence(moved, one) - log_evidence(moved, hypers[0]) for one in hypers], np.array(found) - found[0], rtol=1e-6, atol=1e-6
+        [log_evidence(moved, item) - log_evidence(moved, hypers[0]) for item in hypers], np.array(found) - found[0], rtol=1e-6, atol=1e-6
     )
 
 
@@ -107,8 +107,8 @@ def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
     prior = gauge_precision(state) + prior_precision(state, known.hyper)
     again = followed.state
     near, factor = posterior(marginal(again), prior, known.hyper.noise_scale)
-    asked = gradient(again, near) * known.hyper.noise_scale**-2.0 - prior @ near
-    expected = near + np.linalg.solve(factor @ factor.T, asked)
+    requests = gradient(again, near) * known.hyper.noise_scale**-2.0 - prior @ near
+    expected = near + np.linalg.solve(factor @ factor.T, requests)
     np.testing.assert_allclose(followed.mean, expected, atol=1e-8)
     spread = np.diag(followed.covariance_of(np.eye(len(expected))))
     np.testing.assert_allclose(spread, np.diag(np.linalg.inv(factor @ factor.T)), rtol=1e-5)
@@ -155,10 +155,10 @@ def test_the_arrow_factor_is_that_of_the_whole_matrix() -> None:
     part = state.layout.part("drift")
     gone = np.ones(len(whole), dtype=bool)
     gone[part] = False
-    left, asked = marginalise(whole, information, where, gone)
+    left, requests = marginalise(whole, information, where, gone)
     expected = np.linalg.inv(inverse[part, part])
     np.testing.assert_allclose(left, expected, atol=1e-6 * np.abs(expected).max())
-    np.testing.assert_allclose(np.linalg.solve(left, asked), factor.solve(information)[part], atol=1e-5)
+    np.testing.assert_allclose(np.linalg.solve(left, requests), factor.solve(information)[part], atol=1e-5)
 
 
 @pytest.mark.parametrize("step_px", [5, 50])
@@ -166,10 +166,10 @@ def test_block_means_of_a_surface_equal_those_of_its_plain_columns(step_px: int)
     grid = Grid(30, 30, step_px, 12, 9, 43)
     blocks, distortion = Blocks.of(grid), DistortionSpline.covering(700, 500, 90.0)
     rng = np.random.default_rng(2)
-    x, y = (one.ravel() for one in grid.mesh())
+    x, y = (item.ravel() for item in grid.mesh())
     used = rng.random(len(x)) < 0.8
-    seen = sighting(when(0, 0.0), x[used] + rng.normal(0, 3, used.sum()), y[used] + rng.normal(0, 3, used.sum()))
-    (surface,) = distortion.columns(seen)
+    observed = sighting(when(0, 0.0), x[used] + rng.normal(0, 3, used.sum()), y[used] + rng.normal(0, 3, used.sum()))
+    (surface,) = distortion.columns(observed)
     quick = block_columns("distortion", surface, blocks.block[used], blocks.size, sign=-1.0)
     plain = block_columns("distortion", Columns(surface.axis, surface.index, surface.value), blocks.block[used], blocks.size, sign=-1.0)
     spread = np.zeros_like(quick.value)

@@ -107,8 +107,8 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_cannot_be_told_is_refused_with_the_reason(name: str) -> None:
-    arguments, said = REFUSED[name]
-    with pytest.raises(BadInput, match=re.escape(said)) as error:
+    arguments, printed = REFUSED[name]
+    with pytest.raises(BadInput, match=re.escape(printed)) as error:
         read(*arguments)
     assert str(error.value).startswith("table: ")
     assert "\n" not in str(error.value)

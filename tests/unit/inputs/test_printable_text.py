@@ -35,5 +35,5 @@ def test_line_breaks_stay_where_they_are_wanted() -> None:
 @given(st.text())
 def test_nothing_hidden_is_left(text: str) -> None:
     shown = printable(text)
-    assert not any(unicodedata.category(one) in ("Cc", "Cf", "Cs", "Zl", "Zp") for one in shown)
+    assert not any(unicodedata.category(item) in ("Cc", "Cf", "Cs", "Zl", "Zp") for item in shown)
     assert printable(shown) == shown

@@ -33,14 +33,14 @@ def log(tmp_path: Path) -> Path:
 @pytest.fixture
 def readings(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Logs in the order in which their reading began."""
-    begun: list[Path] = []
+    started: list[Path] = []
 
     def counted(path: Path) -> Iterator[LogMessage]:
-        begun.append(path)
+        started.append(path)
         yield from messages(path)
 
     monkeypatch.setattr(opened_log, "messages", counted)
-    return begun
+    return started
 
 
 def test_all_messages_follow_a_search_in_one_reading(log: Path, readings: list[Path]) -> None:

@@ -29,6 +29,6 @@ def test_where_there_is_no_repository_nobody_knows_the_commit(tmp_path: Path) ->
 
 
 def test_a_log_names_what_it_was_made_with() -> None:
-    told = versions(("numpy",))
-    assert told["semlive"] == version("semlive")
-    assert told["numpy"] == version("numpy")
+    reported = versions(("numpy",))
+    assert reported["semlive"] == version("semlive")
+    assert reported["numpy"] == version("numpy")

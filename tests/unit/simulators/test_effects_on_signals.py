@@ -148,8 +148,8 @@ def test_instruments_say_what_the_formulas_say() -> None:
 @pytest.mark.parametrize("name", ["load_cell_zero", "load_cell_gain", "friction_hysteresis"])
 def test_the_load_frame_believes_its_cell(name: str) -> None:
     scenario = dataclasses.replace(load_scenario("paper_x200"), effects=build_effects({name: "x200"}))
-    quiet = dataclasses.replace(scenario.load_frame, cell_noise_n=0.0, relaxation_fraction=0.0)
-    machine = LoadTrain(dataclasses.replace(scenario, load_frame=quiet), 0)
+    silent = dataclasses.replace(scenario.load_frame, cell_noise_n=0.0, relaxation_fraction=0.0)
+    machine = LoadTrain(dataclasses.replace(scenario, load_frame=silent), 0)
     machine.ramp_to(1000.0, 100.0)
     reading = machine.read(30_000_000_000)
     assert reading.force_n == pytest.approx(1000.0, abs=1.05)  # 1 N of true force is arrived
@@ -183,8 +183,8 @@ def test_truth_tells_effects_drift_and_strain() -> None:
     assert frame["strain"]["eyy"] == pytest.approx(creep)
     truth = TruthRecorder(scenario, 0)
     truth.add_frame(frame, history)
-    told = json.loads(truth.encode(100_000_000_000, 0, 0.0))
-    assert told["effects"] == as_mapping(scenario.effects)
-    time_s = np.array(told["drift"]["time_ns"]) * 1e-9
+    reported = json.loads(truth.encode(100_000_000_000, 0, 0.0))
+    assert reported["effects"] == as_mapping(scenario.effects)
+    time_s = np.array(reported["drift"]["time_ns"]) * 1e-9
     expected = scenario.drift.at(time_s)[:, 1] + 0.2 * np.sin(2 * np.pi * time_s / 480.0 + 0.7)
-    np.testing.assert_allclose(told["drift"]["dy_px"], expected, atol=1e-12)
+    np.testing.assert_allclose(reported["drift"]["dy_px"], expected, atol=1e-12)
