@@ -119,7 +119,7 @@ def test_in_a_browser_another_s_page_neither_reads_nor_steers(run: Run, tab: Cal
     assert not run.heard
 
 
-def test_a_wrong_token_is_told_so_and_forgotten(run: Run, tab: Callable[..., Page]) -> None:
+def test_a_wrong_token_is_rejected_and_forgotten(run: Run, tab: Callable[..., Page]) -> None:
     page = tab()
     page.goto(f"http://127.0.0.1:{run.port}/#token=wrong")
     expect(page.locator("#state-word")).to_have_text("holding")
@@ -171,7 +171,7 @@ def test_an_abort_is_heard_however_quickly_the_question_was_asked_before(run: Ru
     run.heard.clear()
 
 
-def test_a_token_is_for_what_was_asked_last_however_quickly_it_was_asked_for_before(run: Run, tab: Callable[..., Page]) -> None:
+def test_a_token_is_for_what_was_asked_last_however_quickly_it_was_requested_before(run: Run, tab: Callable[..., Page]) -> None:
     page = tab()
     page.goto(f"http://127.0.0.1:{run.port}/")
     expect(page.locator("#state-word")).to_have_text("holding")

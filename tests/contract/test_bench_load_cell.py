@@ -77,7 +77,7 @@ def until(true: Callable[[], bool], timeout_s: float = 100.0) -> None:
         time.sleep(0.01)
 
 
-def test_every_line_says_whole_steps_of_the_load_cell(tmp_path: Path, line: str) -> None:
+def test_every_line_reports_whole_steps_of_the_load_cell(tmp_path: Path, line: str) -> None:
     with served(tmp_path) as (tcp, serial, handle, machine):
         tcp.write_registers(0, [*f32(1201.0), *f32(100.0), 1, 1, 0, 0], device_id=UNIT)
         until(lambda: tcp.read_input_registers(3, count=1, device_id=UNIT).registers == [0])

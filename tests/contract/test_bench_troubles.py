@@ -167,7 +167,7 @@ def test_trouble_counts_replies_and_keeps_to_its_line(bench: Troubled) -> None:
         assert [asked(rtu, 0, 2) is None for _ in range(3)] == [True, True, False]
 
 
-def test_the_driver_says_link_error_or_the_truth_and_a_new_link_works(bench: Troubled) -> None:
+def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: Troubled) -> None:
     bench.machine.ramp_to(200.0, 100.0)
     wait_until(lambda: bench.machine.read(bench.now_ns()).force_n > 195.0)
     settings = {"port": bench.port, "timeout_s": TIMEOUT_S, "watchdog_s": 0.0}

@@ -20,7 +20,7 @@ from semlive_simulators.specimen.stage import Actuator
 PAPER = load_scenario("paper_x10000")
 
 
-def test_the_scenario_says_what_the_paper_says() -> None:
+def test_the_scenario_reports_what_the_paper_reports() -> None:
     scan = PAPER.scan
     assert (scan.width_px, scan.height_px, scan.pixel_size_um) == (1024, 884, 0.025)
     assert (scan.integrations, scan.integration) == (16, "frame")

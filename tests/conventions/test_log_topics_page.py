@@ -35,7 +35,7 @@ def test_every_topic_is_in_the_page_and_every_topic_of_the_page_exists() -> None
     assert table().keys() == TOPICS.keys() | RAW_TOPICS.keys()
 
 
-def test_every_row_tells_encoding_units_and_the_meaning_of_the_sequence() -> None:
+def test_every_row_reports_encoding_units_and_the_meaning_of_the_sequence() -> None:
     for topic, cells in table().items():
         assert len(cells) == COLUMNS, topic
         assert all(cells), topic

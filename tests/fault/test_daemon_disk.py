@@ -112,7 +112,7 @@ def test_a_slow_disk_is_told_and_nothing_is_lost(tmp_path: Path, wait_until: Cal
     assert len(list(messages(tmp_path))) == 100
 
 
-def test_the_writers_speed_beside_the_disks_own_can_be_measured(tmp_path: Path) -> None:
+def test_the_writers_speed_next_to_the_disks_own_can_be_measured(tmp_path: Path) -> None:
     """The bar of 0.6 is the benchmark's: on a busy computer the checksum waits for a processor while the disk does not."""
     _, ratios = measured(tmp_path, count=5, size=10**6, rounds=3)
     assert all(item > 0.0 for name in ("writer", "recorder") for item in ratios[name])

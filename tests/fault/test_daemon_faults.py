@@ -72,7 +72,7 @@ def test_a_stop_that_is_refused_at_the_end_is_tried_again(patient: Any, wait_unt
     patient.is_in_order()
 
 
-def test_an_unconfirmed_stop_is_said(patient: Any) -> None:
+def test_an_unconfirmed_stop_is_reported(patient: Any) -> None:
     patient.config["limits"]["stop_timeout_s"] = 300.0
     patient.start().reach("ramping").falls_ill("load frame is refused stop")
     patient.daemon.send_signal(signal.SIGINT)

@@ -31,7 +31,7 @@ def test_every_fault_of_the_list_has_its_row_once() -> None:
 
 
 @pytest.mark.checkout
-def test_the_page_tells_of_every_row() -> None:
+def test_the_page_reports_of_every_row() -> None:
     text = PAGE.read_text(encoding="utf-8")
     reported = {int(number) for number in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)}
     assert reported == {row.number for row in ROWS}

@@ -281,7 +281,7 @@ def test_a_large_segment_is_followed_by_another_and_readers_see_one_log(tmp_path
             assert RUN_METADATA in [item.name for item in make_reader(stream).iter_metadata()]
 
 
-def test_the_next_segment_is_begun_when_the_disk_takes_it_again(tmp_path: Path, wait_until: Callable[..., None]) -> None:
+def test_the_next_segment_is_started_when_the_disk_takes_it_again(tmp_path: Path, wait_until: Callable[..., None]) -> None:
     refuse, printed = threading.Event(), list[str]()
 
     def open_raw(path: Path) -> RawIOBase:

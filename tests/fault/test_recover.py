@@ -50,7 +50,7 @@ def written(path: Path, seconds: int = 30, finish: bool = True) -> bytes:
     return path.read_bytes()
 
 
-def test_it_tells_how_much_is_read(tmp_path: Path) -> None:
+def test_it_reports_how_much_is_read(tmp_path: Path) -> None:
     sizes = [len(written(tmp_path / f"run.{number:03d}.mcap")) for number in (0, 1)]
     reported: list[tuple[int, int]] = []
     recover_log(tmp_path, progress=lambda done, count: reported.append((done, count)))
@@ -183,7 +183,7 @@ def test_a_log_that_is_being_written_is_left_alone_and_a_killed_one_is_finished(
     assert summary.statistics.message_count == 100
 
 
-def test_what_an_older_log_tells_only_once_is_found_elsewhere(tmp_path: Path) -> None:
+def test_what_an_older_log_reports_only_once_is_found_elsewhere(tmp_path: Path) -> None:
     """Logs of earlier versions name a topic in its first chunk alone; the index at the end names it again."""
     from mcap.writer import CompressionType, Writer  # noqa: PLC0415
 

@@ -128,7 +128,7 @@ def test_no_more_than_eight_reads_hang_at_once(tmp_path: Path) -> None:
     go_on.set()
 
 
-def test_a_file_that_holds_other_than_it_says_is_not_taken(tmp_path: Path) -> None:
+def test_a_file_that_holds_other_than_it_reports_is_not_taken(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     path.write_bytes(b"12345")
     assert read_regular(path, 5) == b"12345"

@@ -245,7 +245,7 @@ def test_a_giant_file_is_refused_unread(tmp_path: Path) -> None:
     assert "larger than 1000 bytes" in refused.reason
 
 
-def test_a_share_that_numbers_its_files_anew_has_nothing_refused_again(tmp_path: Path) -> None:
+def test_a_share_that_numbers_its_files_again_has_nothing_refused_again(tmp_path: Path) -> None:
     watched = Watched(tmp_path, WatchSettings(tmp_path, max_bytes=1000, vendor="jeol")).open()
     text = tmp_path / "a.txt"
     (tmp_path / "a.tif").write_bytes(image(1))

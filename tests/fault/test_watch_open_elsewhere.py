@@ -55,7 +55,7 @@ def test_a_whole_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) 
     assert item.refused == []
 
 
-def test_what_the_system_says_of_a_held_file_is_known() -> None:
+def test_what_the_system_reports_of_a_held_file_is_known() -> None:
     assert is_locked_error(OSError(errno.EBUSY, "busy"))
     assert is_locked_error(OSError(errno.ETXTBSY, "text file busy"))
     assert not is_locked_error(OSError(errno.EACCES, "permission denied"))
@@ -65,7 +65,7 @@ def test_what_the_system_says_of_a_held_file_is_known() -> None:
         assert is_locked_error(refused) is held
 
 
-def test_what_this_system_tells_of_an_open_file(tmp_path: Path) -> None:
+def test_what_this_system_reports_of_an_open_file(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     with path.open("wb") as file:
         file.write(image(1))

@@ -326,7 +326,7 @@ PAGES = {"cli.md": cli_page, "configuration.md": configuration_page}
 
 @pytest.mark.checkout
 @pytest.mark.parametrize("name", PAGES)
-def test_the_page_says_what_the_code_says(name: str) -> None:
+def test_the_page_reports_what_the_code_reports(name: str) -> None:
     assert (DOCS / name).read_text(encoding="utf-8") == PAGES[name]()
 
 

@@ -166,7 +166,7 @@ def point_seen_unstrained(
     return x - ex - bx - dx - part * 13.0, y - ey - by - dy + part * 31.0
 
 
-def test_a_film_has_the_gold_it_says_no_period_and_no_direction() -> None:
+def test_a_film_has_the_gold_it_reports_no_period_and_no_direction() -> None:
     paper = load_scenario("paper_x10000")
     calm = dataclasses.replace(paper.drift.x, warmup_px=0.0, linear_px_s=0.0)
     detector = dataclasses.replace(paper.detector, read_noise=0.0, shot_noise=0.0)

@@ -125,7 +125,7 @@ def test_the_same_seed_gives_the_same_bytes_in_strips_and_at_once() -> None:
     assert not np.array_equal(whole, render_frame(scenario, 10.0, frame=4))
 
 
-def test_noise_is_white_normal_and_as_large_as_the_detector_says() -> None:
+def test_noise_is_white_normal_and_as_large_as_the_detector_reports() -> None:
     noisy, clean = small(384, 256, noise=True), small(384, 256)
     signal = render_frame(clean).astype(float)
     noise = render_frame(noisy, frame=7) - signal

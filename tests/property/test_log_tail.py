@@ -52,7 +52,7 @@ def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_whol
     assert list(tail.poll()) == []
 
 
-def test_a_cut_read_anew_gives_what_a_following_reader_was_given(tmp_path: Path) -> None:
+def test_a_cut_read_again_gives_what_a_following_reader_was_given(tmp_path: Path) -> None:
     data = write(tmp_path / "whole.mcap", 0, 6)
     path = tmp_path / "cut.mcap.part"
     follower, followed = LogTail(path), 0

@@ -223,7 +223,7 @@ def test_renaming_shows_the_final_name_only_when_whole(tmp_path: Path) -> None:
     assert {name: {(folder / name).stat().st_size} for name in sizes} == sizes
 
 
-def test_a_stalled_process_stretches_the_clock_and_says_so(tmp_path: Path) -> None:
+def test_a_stalled_process_stretches_the_clock_and_reports_so(tmp_path: Path) -> None:
     process = start(tmp_path)
     clock_file = tmp_path / "out" / "clock.json"
     process.send_signal(signal.SIGSTOP)

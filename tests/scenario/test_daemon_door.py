@@ -91,7 +91,7 @@ def test_nobody_is_heard_without_the_token(steered: Steered) -> None:
 @pytest.mark.parametrize(
     "line", [b"\n", b"stop\n", b'{"say": "stop"}\n', b"[" * 3000 + b"\n", b'{"token": "%s", "say": "jump"}\n', b"\xff\xfe\n"]
 )
-def test_what_is_no_request_is_told_so(steered: Steered, line: bytes) -> None:
+def test_what_is_no_request_is_rejected(steered: Steered, line: bytes) -> None:
     line = line.replace(b"%s", steered.address["token"].encode())
     assert Reply.model_validate_json(send(steered, line)).heard is RequestStatus.NO_REQUEST
 

@@ -89,7 +89,7 @@ def test_effects_that_hang_on_moves_and_on_time_see_the_same_live(tmp_path: Path
     assert np.array_equal(first.image, render_frame(scenario, start_s, first.window.motion, first.frame))
 
 
-def test_a_frame_takes_as_long_as_its_rows_do_not_as_the_header_says(tmp_path: Path) -> None:
+def test_a_frame_takes_as_long_as_its_rows_do_not_as_the_header_reports(tmp_path: Path) -> None:
     scenario = replace(small(), effects=EffectSet((WrongRowTime(0.25),)))
     exported, _, _ = live(scenario, tmp_path, frames=2)
     assert exported[0].end_time_ns - exported[0].start_time_ns == 1_500_000_000

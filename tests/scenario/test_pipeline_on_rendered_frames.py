@@ -87,7 +87,7 @@ def test_the_elastic_constants_come_out(analysed: tuple[RunResult, Scenario]) ->
     assert elastic.poissons_ratio.value == pytest.approx(NU, abs=0.01)
 
 
-def test_what_was_foreseen_of_its_frames_gives_a_pair_the_same_maps_sooner() -> None:
+def test_what_was_predicted_of_its_frames_gives_a_pair_the_same_maps_sooner() -> None:
     first, second = pairs(load_scenario("paper_x200"))[:2]
     started, _ = pipeline.analyse(AnalysisSettings(), None, first)
     foreseen = {

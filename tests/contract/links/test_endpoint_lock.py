@@ -220,7 +220,7 @@ def test_frame_check_is_refused_while_a_run_holds_the_frame(
     assert f"127.0.0.1:{port} unit 1 is driven by another semlive already" in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_lock_file_is_one_lock_and_says_who_holds_it(tmp_path: Path) -> None:
+def test_a_lock_file_is_one_lock_and_reports_who_holds_it(tmp_path: Path) -> None:
     path = tmp_path / "semlive.lock"
     first = process_lock.acquire_file(path)
     assert isinstance(first, ProcessLock)

@@ -381,7 +381,7 @@ def test_closing_stops_a_device_whose_link_was_down() -> None:
     assert device.calls[-1][0] == "close"
 
 
-def test_a_link_says_what_its_stage_moves() -> None:
+def test_a_link_reports_what_its_stage_moves() -> None:
     for kind in ("specimen", "beam"):
         heard = Listener()
         with peer() as bench:

@@ -89,7 +89,7 @@ def test_what_can_be_read_in_two_ways_asks_for_the_settings(tmp_path: Path) -> N
     assert tail(path, decimal_comma=True, **FORCE).read().force_n == 134.2
 
 
-def test_a_file_that_is_written_anew_is_read_by_its_new_head(tmp_path: Path) -> None:
+def test_a_file_that_is_written_again_is_read_by_its_new_head(tmp_path: Path) -> None:
     path = tmp_path / "load.csv"
     path.write_text("Time;Force;Ext\n0,5;134,2;0,5\n")
     file = tail(path)

@@ -49,7 +49,7 @@ def pulled(drive_map: str, drive: Device, spring: Spring, **approach: float) -> 
 
 
 @pytest.mark.parametrize("name", bundled_maps())
-def test_every_map_says_where_it_is_from_and_only_the_bench_is_confirmed(name: str) -> None:
+def test_every_map_reports_where_it_is_from_and_only_the_bench_is_confirmed(name: str) -> None:
     content = map_content(name)
     assert content.get("confirmed", False) == (name == "bench")
     assert name == "bench" or "confirm before motion" in content["source"]
@@ -202,7 +202,7 @@ def test_a_watchdog_of_its_own_is_armed_and_fed_by_changing_numbers() -> None:
         frame.close()
 
 
-def test_a_strain_gage_from_a_file_or_another_device_is_told_beside_the_load(tmp_path: Path) -> None:
+def test_a_strain_gage_from_a_file_or_another_device_is_told_next_to_the_load(tmp_path: Path) -> None:
     spring = Spring(at_mm=0.01, to_mm=0.01)
     amplifier = Device({301: 0x3A03, 302: 0x126F})  # 5.0e-4
     path, mine = tmp_path / "daq.csv", tmp_path / "amplifier.yaml"
@@ -272,7 +272,7 @@ def test_nobody_answers_on_a_line_that_is_not_there(tmp_path: Path) -> None:
         ("orders: {hover: []}", "orders.hover.*Input should be 'ramp', 'pull', 'push', 'stop'"),
     ],
 )
-def test_what_is_wrong_in_a_map_is_said(tmp_path: Path, change: str, sentence: str) -> None:
+def test_what_is_wrong_in_a_map_is_reported(tmp_path: Path, change: str, sentence: str) -> None:
     key = change.split(":")[0]
     text = ["protocol: modbus", "name: mine", "source: mine", "points: {force: {kind: input, address: 0, dtype: f32}, "]
     text[3] += "extension: {kind: input, address: 2, dtype: f32}, command: {kind: holding, address: 4}}"
@@ -321,7 +321,7 @@ def test_an_order_that_a_drive_or_a_frame_cannot_hold_is_named_before_anything_i
         frame.close()
 
 
-def test_a_frame_tells_how_it_is_moved_and_how_fine_its_readings_are() -> None:
+def test_a_frame_reports_how_it_is_moved_and_how_fine_its_readings_are() -> None:
     spring = Spring()
     with pulled("oriental_az", oriental_az(spring), spring) as frame:
         reported = frame.identity

@@ -34,7 +34,7 @@ class Amplifier:
         return "" if station != "!007" else f"{reported[what]:+.6f}\r" if what in reported else "?\r"
 
 
-def test_an_amplifier_tells_its_load_in_the_unit_of_the_configuration() -> None:
+def test_an_amplifier_reports_its_load_in_the_unit_of_the_configuration() -> None:
     amplifier = Amplifier()
     with over_text(amplifier) as path:
         line = {"port": path, "slowest_s": 0.05}
@@ -124,7 +124,7 @@ def test_a_checksum_finds_a_changed_byte(text: bytes, kind: CheckKind) -> None:
         ("valid: [{group: stat, bit: 3, says: bad}]", "valid needs 'stat', which no question of every_turn asks"),
     ],
 )
-def test_what_is_wrong_in_a_dialogue_is_said(tmp_path: Path, change: str, sentence: str) -> None:
+def test_what_is_wrong_in_a_dialogue_is_reported(tmp_path: Path, change: str, sentence: str) -> None:
     key = change.split(":")[0]
     lines = [line for line in CHECKED.splitlines() if not line.startswith(key)] + [change]
     path = tmp_path / "mine.yaml"

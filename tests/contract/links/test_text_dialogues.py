@@ -66,7 +66,7 @@ def frame(stand: Stand) -> Iterator[LoadFrame]:
     opened.close()
 
 
-def test_a_stand_tells_load_extension_and_motion(stand: Stand, frame: LoadFrame) -> None:
+def test_a_stand_reports_load_extension_and_motion(stand: Stand, frame: LoadFrame) -> None:
     assert isinstance(frame, LoadFrame)
     assert frame.identity.name == f"load frame at {stand.path}"
     assert frame.identity.stop_on_link_loss is StopOnLinkLoss.NONE
@@ -166,7 +166,7 @@ def test_a_stop_is_sent_although_answers_do_not_come_or_the_line_is_closed(stand
     open_load_frame(stand.settings(timeout_s=0.3), CLOCK).close()
 
 
-def test_a_stand_tells_how_fine_its_readings_are_and_which_orders_it_cannot_hold(frame: LoadFrame) -> None:
+def test_a_stand_reports_how_fine_its_readings_are_and_which_orders_it_cannot_hold(frame: LoadFrame) -> None:
     assert isinstance(frame, OrderCheck)
     assert frame.identity.control is ControlMode.DISPLACEMENT
     assert frame.identity.force_resolution_n == pytest.approx(0.01)

@@ -56,7 +56,7 @@ def test_a_decision_is_one_object(semlive: Callable[..., Said], runs: tuple[Path
     assert "settling_s" in out
 
 
-def test_a_run_beside_itself_decides_nothing(semlive: Callable[..., Said], runs: tuple[Path, Path]) -> None:
+def test_a_run_next_to_itself_decides_nothing(semlive: Callable[..., Said], runs: tuple[Path, Path]) -> None:
     code, out, err = semlive("experiment", "decide", str(runs[0]), str(runs[0]), "--json")
     assert (code, out) == (1, "")
     assert "half or twice the dwell" in err.splitlines()[-1]
@@ -76,7 +76,7 @@ def turned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return item, two
 
 
-def test_a_turned_scan_tells_all_that_has_a_name(semlive: Callable[..., Said], turned: tuple[Path, Path]) -> None:
+def test_a_turned_scan_reports_all_that_has_a_name(semlive: Callable[..., Said], turned: tuple[Path, Path]) -> None:
     code, out, _ = semlive("experiment", "decide", *map(str, turned), "--json")
     found = json.loads(out)
     assert code == 0

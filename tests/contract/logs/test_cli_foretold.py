@@ -12,7 +12,7 @@ from blind.imported import imported
 Said = tuple[int, str, str]
 
 
-def test_an_open_verdict_foretells_what_experiments_decide(semlive: Callable[..., Said], tmp_path: Path) -> None:
+def test_an_open_verdict_predicts_what_experiments_decide(semlive: Callable[..., Said], tmp_path: Path) -> None:
     case = Case(ONE, ("wrong_row_time",), 1.43, 1)
     log = imported(tmp_path / "maps", case.conditions(), case.effects(), GRID)
 

@@ -26,7 +26,7 @@ def poor(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return copy
 
 
-def test_strain_under_load_is_refused_with_figures_and_given_when_asked_for(semlive: Semlive, poor: Path, tmp_path: Path) -> None:
+def test_strain_under_load_is_refused_with_figures_and_given_when_requested(semlive: Semlive, poor: Path, tmp_path: Path) -> None:
     log = str(tmp_path / "poor.mcap")
     code, _, err = semlive("import", str(poor), "-o", log, "--specimen-area-mm2", "1.0")
     assert code == 0, err

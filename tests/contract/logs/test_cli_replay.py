@@ -70,7 +70,7 @@ def test_only_the_first_pairs(imported: Path) -> None:
     assert not done.unchanged
 
 
-def test_changed_settings_are_set_beside_the_logs_own(semlive: Semlive, short: Path) -> None:
+def test_changed_settings_are_set_next_to_the_logs_own(semlive: Semlive, short: Path) -> None:
     code, out, err = semlive("replay", str(short), "--set", "estimate.window=5")
     assert (code, err) == (0, "")
     assert "log's own settings and new result" in out

@@ -38,7 +38,7 @@ def test_a_tensile_run_has_the_papers_figures(done: ReplayResult) -> None:
     assert len(keys) == len(set(keys))
 
 
-def test_the_page_tells_all_and_needs_nothing(semlive: Callable[..., tuple[int, str, str]], imported: Path, tmp_path: Path) -> None:
+def test_the_page_reports_all_and_needs_nothing(semlive: Callable[..., tuple[int, str, str]], imported: Path, tmp_path: Path) -> None:
     code, printed, err = semlive("report", str(imported), "-o", str(tmp_path / "page.html"), "--json")
     assert (code, json.loads(printed)) == (0, {"page": str(tmp_path / "page.html"), "figures": []}), err
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
@@ -91,7 +91,7 @@ def test_refused_frames_are_counted_by_reason_and_listed() -> None:
     assert "&lt;a2&gt;.tif</td><td>&lt;a2&gt;.tif is not used: its scan began 2 s" in page
 
 
-def test_alarms_are_listed_and_none_is_said_only_of_a_log_without_any() -> None:
+def test_alarms_are_listed_and_none_is_reported_only_of_a_log_without_any() -> None:
     open_one = Alarm(1_800_000_000_123_456_789, "emergency_stop", "<emergency stop>", "load frame", "stopped")
     done_one = Alarm(1_800_000_001_999_999_999, "limit", "beyond", "run", "stopped", 1_800_000_002_000_000_000, "page at 127.0.0.1")
     page = alarms_html(Alarms((open_one, done_one)))

@@ -63,7 +63,7 @@ def test_a_distortion_that_drifts_is_made_of_what_it_is_without_the_drift() -> N
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"distortion_scale_drift"})
 
 
-def test_a_jump_beside_a_distortion_that_drifts_leaves_no_third_name() -> None:
+def test_a_jump_next_to_a_distortion_that_drifts_leaves_no_third_name() -> None:
     both = ("drift_jump", "distortion_scale_drift")
     found = diagnose(Case(TWO, both, 8.0, 83_028).observed(), dictionary=few(*both, "charging_frame_ramp"), draws=DRAWS)
 

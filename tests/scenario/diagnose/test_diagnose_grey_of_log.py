@@ -67,7 +67,7 @@ def close(found: tuple[float, float], truth: float, sigmas: float = 4.0) -> bool
     return abs(found[0] - truth) < sigmas * found[1]
 
 
-def test_nothing_is_named_where_nothing_is_and_noise_is_told(tmp_path: Path) -> None:
+def test_nothing_is_named_where_nothing_is_and_noise_is_reported(tmp_path: Path) -> None:
     found = grey_of(tmp_path)
 
     assert (found.outcome, found.effects, found.unexplained) == (Outcome.NONE, (), "")

@@ -72,7 +72,7 @@ def test_the_law_that_was_hidden_has_no_likelier_course(drifting: Observation) -
     assert course_of(drifting, "magnification_drift") < 3.0
 
 
-def test_a_wrong_row_time_beside_a_drift_that_could_walk_has_no_likelier_course() -> None:
+def test_a_wrong_row_time_next_to_a_drift_that_could_walk_has_no_likelier_course() -> None:
     assert course_of(Case(ONE, ("wrong_row_time",), 8.0, 60_007).observed(), "wrong_row_time") < 3.0
 
 

@@ -103,7 +103,7 @@ def test_the_published_procedure_is_followed_too(early_load: list[Any]) -> None:
     assert [item.summary for item in printed[-2].frames] == [item.summary for item in pipeline.finalise(started).frames[-2:]]
 
 
-def test_a_long_run_says_at_once_what_all_its_pairs_say_of_the_newest(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+def test_a_long_run_reports_at_once_what_all_its_pairs_say_of_the_newest(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """35 pairs: between choices only the newest are smoothed, and they are what they would be had all been."""
     cross = plans["short"][:5]
     plan = [*cross, *(replace(cross[1 + n % 4], phase=Phase.CALIBRATION) for n in range(30))]

@@ -45,7 +45,7 @@ def test_a_correction_errs_at_points_by_what_is_stated(case: str) -> None:
     assert 0.6 < np.sqrt(np.mean(np.concatenate(z) ** 2)) < 1.15
 
 
-def test_it_is_said_of_maps_from_frame_0_alone() -> None:
+def test_it_is_reported_of_maps_from_frame_0_alone() -> None:
     experiment = make_experiment(SMALL["white"], 1, GRID, 3)
     with pytest.raises(ValueError, match="from frame 0, not from frame 2"):
         next(estimate.correction_sigmas(solved(experiment), experiment.pairs[1].maps[:1]))

@@ -85,7 +85,7 @@ def test_a_section_is_replaced_and_nothing_else() -> None:
         write_between(text, "three", "new")
 
 
-def test_a_missed_bar_says_so() -> None:
+def test_a_missed_bar_reports_so() -> None:
     assert Row("a", "b", "c", "≤ 1", held=False).markdown() == "| a | b | c | ≤ 1 **missed** | – |"
     assert Row("a", "b", "c").markdown() == "| a | b | c | – | – |"
 

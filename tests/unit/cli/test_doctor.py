@@ -57,7 +57,7 @@ def test_all_is_well_and_nothing_is_left_behind(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["export", "run.yaml"]
 
 
-def test_what_is_wrong_is_said_with_what_to_do(tmp_path: Path) -> None:
+def test_what_is_wrong_is_reported_with_what_to_do(tmp_path: Path) -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
@@ -96,7 +96,7 @@ def test_a_log_folder_that_cannot_be_written_is_bad(tmp_path: Path) -> None:
     assert computer.disk(tmp_path / "file", None)[1].verdict is Verdict.FAILED
 
 
-def test_kernels_are_kept_beside_the_package_where_that_may_be_written(tmp_path: Path) -> None:
+def test_kernels_are_kept_next_to_the_package_where_that_may_be_written(tmp_path: Path) -> None:
     environ: dict[str, str] = {}
     assert configure_jit_cache(environ, tmp_path) == tmp_path / "__pycache__"
     assert environ == {}
@@ -111,12 +111,12 @@ def test_a_read_only_installation_keeps_them_elsewhere(tmp_path: Path, variable:
     assert environ[VARIABLE] == str(chosen)
 
 
-def test_what_the_user_says_of_the_cache_holds(tmp_path: Path) -> None:
+def test_what_the_user_reports_of_the_cache_holds(tmp_path: Path) -> None:
     environ = {VARIABLE: str(tmp_path / "mine")}
     assert configure_jit_cache(environ, tmp_path) == tmp_path / "mine"
 
 
-def test_without_any_folder_they_are_kept_until_the_computer_starts_anew(tmp_path: Path) -> None:
+def test_without_any_folder_they_are_kept_until_the_computer_starts_again(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     environ = {"HOME": str(tmp_path / "file")}
     chosen = configure_jit_cache(environ, tmp_path / "file")

@@ -23,7 +23,7 @@ def loaded() -> dict[str, TyperCommand]:
 
 
 @pytest.mark.parametrize("entry", COMMANDS, ids=lambda entry: entry.name)
-def test_the_list_says_what_the_command_says(entry: CommandEntry, loaded: dict[str, TyperCommand]) -> None:
+def test_the_list_reports_what_the_command_reports(entry: CommandEntry, loaded: dict[str, TyperCommand]) -> None:
     printed = inspect.cleandoc(loaded[entry.name].help or "").split("\n\n")[0].replace("\n", " ").strip()
     assert entry.short == printed
     assert loaded[entry.name].name == entry.name

@@ -100,7 +100,7 @@ def test_a_typical_distortion_feigns_what_the_paper_shows() -> None:
     assert worst == pytest.approx({"exx": 2.5e-4, "exy": 7.6e-4, "eyy": 10e-4}, rel=0.25)
 
 
-def test_a_test_frame_foretells_noise(tmp_path: Path) -> None:
+def test_a_test_frame_predicts_noise(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     speckle = ndimage.gaussian_filter(rng.standard_normal((400, 400)), 2.5)
     clean = 128 + 45 * speckle / speckle.std()
@@ -123,7 +123,7 @@ def test_a_test_frame_foretells_noise(tmp_path: Path) -> None:
     assert sigma[1] == pytest.approx(2 * sigma[0], rel=0.1)
 
 
-def test_what_is_unwise_is_said_with_what_to_set(tmp_path: Path) -> None:
+def test_what_is_unwise_is_reported_with_what_to_set(tmp_path: Path) -> None:
     given = config(calibration_shifts_px=[[0, 0], [120, 0]], translation_shifts_px=[], hold_s=1, frame_timeout_s=100)
     advice = "\n".join(told(tmp_path, given)["advice"])
     for part in (
@@ -155,7 +155,7 @@ def test_a_test_frame_that_contradicts_the_configuration_is_told_first(tmp_path:
     assert "2.5 um: shifts would be 0.5 times" in pixel
 
 
-def test_a_frame_without_a_pattern_foretells_no_noise(tmp_path: Path) -> None:
+def test_a_frame_without_a_pattern_predicts_no_noise(tmp_path: Path) -> None:
     given = config()
     given["sem"]["profile"] = {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 1.25e-6}
     flat = np.full((884, 1024), 90, dtype=np.uint8)

@@ -41,7 +41,7 @@ def run(command: str, folder: Path, what: dict[str, Any], *arguments: str) -> st
 HASTY = {"protocol": {"ramp_rate_n_s": 400.0}, "limits": {"force_rate_max_n_s": 400.0}, "load_frame": {"poll_s": 0.4}}
 
 
-def test_the_table_shows_every_fault_and_the_json_says_the_same(tmp_path: Path) -> None:
+def test_the_table_shows_every_fault_and_the_json_reports_the_same(tmp_path: Path) -> None:
     reported = json.loads(run("plan", tmp_path, given(), "--json"))["stop_distances"]
     assert (reported["start_n"], reported["target_n"], reported["ramp_rate_n_s"], reported["force_limit_n"]) == (1640, 2000, 20, 2200)
     assert not any(row["exceeds_limit"] for row in reported["rows"])
@@ -104,7 +104,7 @@ def test_nothing_is_shown_where_semlive_moves_nothing(tmp_path: Path) -> None:
     assert list(stop_advice(None)) == []
 
 
-def test_what_the_configuration_says_of_device_and_link_is_used() -> None:
+def test_what_the_configuration_reports_of_device_and_link_is_used() -> None:
     modbus, serial = stops_of().case, stops_of(SERIAL).case
     assert (modbus.control.value, modbus.answer_s, modbus.watchdog_s, modbus.stiffness_n_mm) == ("load", 0.3, 2.0, None)
     assert (serial.control.value, serial.answer_s, serial.watchdog_s, serial.stiffness_n_mm) == ("displacement", 0.6, None, 150.0)

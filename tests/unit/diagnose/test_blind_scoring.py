@@ -43,12 +43,12 @@ def test_the_upper_bound_is_that_of_clopper_and_pearson(count: int, total: int, 
         (Case(CONFOUNDED, ("flyback_settling",), 1.0, 1), verdict("NONE", []), "NONE"),
     ],
 )
-def test_a_verdict_is_worth_what_it_says(case: Case, told: dict[str, object], worth: str) -> None:
+def test_a_verdict_is_worth_what_it_reports(case: Case, told: dict[str, object], worth: str) -> None:
     assert judged(case, told) == worth
 
 
 @pytest.mark.parametrize("name", ["bending_misalignment", "load_step_transient", "magnification_frame_instability", "wrong_row_time"])
-def test_an_effect_is_as_large_in_the_maps_as_is_said(name: str) -> None:
+def test_an_effect_is_as_large_in_the_maps_as_is_reported(name: str) -> None:
     case = Case(ONE, (name,), 4.0, 3)
     assert largest_px(case.conditions(), case.effects()) == pytest.approx(4.0 * DETECTABLE_PX[name], rel=2e-3)
 
@@ -105,7 +105,7 @@ def test_what_is_left_out_is_not_in_the_dictionary_and_a_deformed_law_is_another
         assert type(bent.effects()[0]) is not type(Case(ONE, (name,), 8.0, 3).effects()[0])
 
 
-def test_a_table_says_what_is_met_and_what_is_open() -> None:
+def test_a_table_reports_what_is_met_and_what_is_open() -> None:
     nulls = [(Case(NOTHING, (), 0.0, seed), verdict("NONE", [])) for seed in range(299)]
     few = [(Case(ONE, ("stage_yaw",), 4.0, 1), verdict("IDENTIFIED", ["stage_yaw"]))]
     printed = table([*nulls, *few])

@@ -58,7 +58,7 @@ def verdict(*names: str, ambiguous: bool = True) -> Diagnosis:
 
 
 @pytest.mark.parametrize("dwell", [1.0, 2.0])
-def test_simulations_of_an_experiment_give_the_odds_that_were_foretold(
+def test_simulations_of_an_experiment_give_the_odds_that_were_predicted(
     turning: Observation, before: HyperparameterGrid, dwell: float
 ) -> None:
     rivals = found(before, *ALIKE)
@@ -122,7 +122,7 @@ def test_experiments_differ_in_time_loads_and_moves(turning: Observation) -> Non
     )
 
 
-def test_what_has_happened_or_goes_with_moves_says_nothing_of_a_parked_run(turning: Observation, before: HyperparameterGrid) -> None:
+def test_what_has_happened_or_goes_with_moves_reports_nothing_of_a_parked_run(turning: Observation, before: HyperparameterGrid) -> None:
     ahead = simulate_baseline(before, planned_run(turning, ExperimentKind.STATIONARY_SERIES))
     yaw, rotation = (predict_effect(ahead, before, entry) for entry in found(before, "stage_yaw", "raster_rotation_drift"))
     (jump,) = (predict_effect(ahead, before, entry) for entry in found(before, "jump_within_pair"))
@@ -148,7 +148,7 @@ def test_what_is_left_open_gets_the_experiments_that_decide_with_the_most_a_minu
     assert least["parked"] < least["again"] < least["reversed"]
 
 
-def test_one_effect_is_told_from_nothing_and_one_effect_with_two_names_cannot_be_foretold(turning: Observation) -> None:
+def test_one_effect_is_told_from_nothing_and_one_effect_with_two_names_cannot_be_predicted(turning: Observation) -> None:
     alone = forecast_experiments(turning, verdict(ALIKE[0], ambiguous=False))
     assert {entry for each in alone for entry in (each.true, each.other)} == {ALIKE[0], "nothing"}
     assert forecast_experiments(turning, verdict(ALIKE[0], "hv_drift")) == ()

@@ -154,7 +154,7 @@ def test_what_the_model_has_is_not_named_again() -> None:
     assert add_gage_evidence(known, readings(1, LIFT)).effects == ()
 
 
-def test_the_load_cell_says_what_it_said() -> None:
+def test_the_load_cell_reports_what_it_reported() -> None:
     entry = readings(1, LIFT)
     alone = add_load_cell_evidence(NOTHING, entry.load_readings)
     both = add_gage_evidence(alone, entry)

@@ -113,7 +113,7 @@ def test_p_of_intensity_is_spread_evenly() -> None:
     assert np.mean(np.array(p_values) < 0.3) < 0.5
 
 
-def test_noise_is_told_as_a_line_over_grey() -> None:
+def test_noise_is_reported_as_a_line_over_grey() -> None:
     dark, slope = of_noise(1).noise
     assert slope.value == pytest.approx(PER_LEVEL, abs=4.0 * slope.sigma)
     assert dark.value == pytest.approx(DARK + 1.0 / 12.0, abs=4.0 * dark.sigma)
@@ -242,12 +242,12 @@ def test_a_weak_change_that_two_laws_would_do_for_is_ambiguous() -> None:
         assert (item.outcome is Outcome.AMBIGUOUS) == bool(item.ambiguous)
 
 
-def test_few_pairs_are_said() -> None:
+def test_few_pairs_are_reported() -> None:
     with pytest.raises(IllPosed, match="fewer than 4 pairs"):
         diagnose_intensity(series(1, pairs=3))
 
 
-def test_laws_beside_each_other_share_nothing_that_one_explains() -> None:
+def test_laws_next_to_each_other_share_nothing_that_one_explains() -> None:
     courses = intensity_time_series(series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s)))
     alone = IntensityRegression(courses).all_fits()
     best = max(alone, key=lambda item: item.odds)

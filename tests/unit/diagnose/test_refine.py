@@ -65,7 +65,7 @@ def test_a_large_jump_between_the_instants_of_the_grid_is_told_as_large_as_it_is
         assert abs(value - true) < 3.0 * sigma
 
 
-def test_refitted_beside_no_other_an_effect_is_as_large_as_it_was() -> None:
+def test_refitted_next_to_no_other_an_effect_is_as_large_as_it_was() -> None:
     bare, _ = hiding("load_step_transient", 0.15, 5)
     alone = likeliest(bare, "load_step_transient")
     with_effects = build_grid(bare.design.with_effects(alone.baseline_effect))
@@ -75,7 +75,7 @@ def test_refitted_beside_no_other_an_effect_is_as_large_as_it_was() -> None:
     assert beside.parameters[-1] == alone.parameters[-1]
 
 
-def test_effects_are_refitted_beside_each_other() -> None:
+def test_effects_are_refitted_next_to_each_other() -> None:
     """Creep alone takes what the steps' fading leaves; beside it, it does not."""
     names = ("load_step_transient", "creep_in_hold")
     effects = tuple(item for name in names for item in hidden_effect(name, 0.2, 6))

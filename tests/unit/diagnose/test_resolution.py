@@ -70,7 +70,7 @@ def test_a_drift_that_wanders_faster_than_its_knots_is_no_effect() -> None:
     assert (found.outcome, found.effects, found.coarse) == (Outcome.NONE, (), ("baseline_drift_underresolved",))
 
 
-def test_an_effect_is_named_beside_a_drift_that_wanders() -> None:
+def test_an_effect_is_named_next_to_a_drift_that_wanders() -> None:
     found = told((WANDER, *hidden_effect("magnification_drift", 0.4, 1)))
     assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["magnification_drift"])
     assert found.gap is not None

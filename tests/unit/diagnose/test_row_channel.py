@@ -91,7 +91,7 @@ def test_between_rows_a_fast_wave_is_averaged_away() -> None:
     assert replace(item, subrow_position=np.full(ROWS, 0.5)).frames(0.5 / 0.1071) == pytest.approx(1.0)
 
 
-def test_few_rows_are_said() -> None:
+def test_few_rows_are_reported() -> None:
     with pytest.raises(IllPosed, match="fewer than 100"):
         diagnose_rows(series(1, rows=90))
 

@@ -87,7 +87,7 @@ def test_the_end_is_that_of_all_pairs_at_once(charging: list[HiddenPair], modell
     assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.apply_effect_model(begun)))
 
 
-def test_no_frame_is_told_anew_for_strain_that_only_changed_its_name(modelled: Said) -> None:
+def test_no_frame_is_told_again_for_strain_that_only_changed_its_name(modelled: Said) -> None:
     before, (begun, result) = modelled[3][0].reported, modelled[4]
     sigma = max(item.summary.mean_sigma.eyy for item in begun.reported.values())
     # What magnification and distortion had of the spot before, the effect has now.

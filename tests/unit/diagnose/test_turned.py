@@ -94,7 +94,7 @@ def test_axes_are_named_each_with_its_own_sign() -> None:
     assert found.effects[0].peak_px == pytest.approx(0.012 * 511.5, rel=0.3)
 
 
-def test_curved_ramps_are_told_from_a_lens_beside_them() -> None:
+def test_curved_ramps_are_told_from_a_lens_next_to_them() -> None:
     found = compare_runs(both(53, ScanNonlinearity(-0.3, 0.2, 0.0)))
     assert [entry.name for entry in found.effects] == ["scan_nonlinearity"]
     assert found.turned is not None

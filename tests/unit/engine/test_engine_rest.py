@@ -167,7 +167,7 @@ def test_a_calibration_under_load_is_refused_before_it_begins() -> None:
     run.reach(State.HOLDING)
 
 
-def test_an_intended_preload_is_said_in_the_limits() -> None:
+def test_an_intended_preload_is_reported_in_the_limits() -> None:
     plan = plan_of((HERE, None))
     step = replace(plan.steps[0], phase=Phase.CALIBRATION)
     run = FrameByHand(replace(plan, steps=(step,), limits=replace(LIMITS, unloaded_max_n=360.0)), force_n=350.0)

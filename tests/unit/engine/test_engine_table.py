@@ -51,7 +51,7 @@ def test_stop_and_abort_work_everywhere_before_the_end() -> None:
             assert next_state(state, Cause.STOP) is State.STOPPING
 
 
-def test_a_state_cannot_be_set_beside_the_table() -> None:
+def test_a_state_cannot_be_set_next_to_the_table() -> None:
     turn = StepContext(Run(plan_of(((0.0, 0.0), None))).state)
     with pytest.raises(TypeError, match="changes by transition"):
         turn.update(state=State.IMAGING)  # pyright: ignore[reportCallIssue]

@@ -148,7 +148,7 @@ def test_from_an_emergency_while_connecting_the_operator_leads_back() -> None:
     assert run.force_n == 200.0
 
 
-def test_a_stop_waits_as_long_as_is_configured_and_says_for_whom() -> None:
+def test_a_stop_waits_as_long_as_is_configured_and_reports_for_whom() -> None:
     run = Run(replace(plan_of((HERE, 200.0)), limits=replace(LIMITS, stop_timeout_s=6.0)))
     run.begin()
     run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))

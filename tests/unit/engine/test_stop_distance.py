@@ -100,7 +100,7 @@ TRIALS = {
 
 @pytest.mark.parametrize("name", TRIALS)
 @pytest.mark.parametrize("poll_s", [0.05, 0.2])
-def test_no_machine_goes_farther_than_its_row_says(name: str, poll_s: float) -> None:
+def test_no_machine_goes_farther_than_its_row_reports(name: str, poll_s: float) -> None:
     trial = TRIALS[name]
     base = CASE if trial.identity is LOAD else DRIVEN
     nearest = 0.0
@@ -132,7 +132,7 @@ def stopped_at(machine: Machine, trial: Trial, case: RampCase) -> float:
 
 @pytest.mark.parametrize("sigma_n", [0.5, 2.0])
 @pytest.mark.parametrize("identity", [LOAD, DRIVE], ids=["load", "displacement"])
-def test_a_noisy_cell_that_saturates_goes_no_farther_than_its_row_says(sigma_n: float, identity: DeviceIdentity) -> None:
+def test_a_noisy_cell_that_saturates_goes_no_farther_than_its_row_reports(sigma_n: float, identity: DeviceIdentity) -> None:
     base = CASE if identity is LOAD else DRIVEN
     case = replace(base, tolerance_n=15.0, noticeable_n=noticeable_n(sigma_n, 0.0))
     code = FaultCode.NO_RESPONSE if identity is LOAD else FaultCode.TRAVEL_WITHOUT_LOAD
@@ -186,7 +186,7 @@ def test_a_lost_link_ends_at_the_target_and_the_watchdog_bounds_it_sooner() -> N
     assert driven.travel_mm == pytest.approx(15.0 / STIFFNESS)
 
 
-def test_nothing_bounds_a_device_that_does_not_obey_and_it_is_said() -> None:
+def test_nothing_bounds_a_device_that_does_not_obey_and_it_is_reported() -> None:
     row = row_of(CASE, FaultCode.STOP_NOT_OBEYED)
     assert (row.beyond_n, row.worst_n) == (None, None)
     assert "emergency stop" in row.remark

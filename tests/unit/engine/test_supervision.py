@@ -208,7 +208,7 @@ def test_a_device_that_reports_motion_for_ever_at_its_target_is_stopped() -> Non
     assert finding.code is FaultCode.MOTION_OVERDUE
 
 
-def test_taking_up_slack_is_allowed_where_the_configuration_says_so() -> None:
+def test_taking_up_slack_is_allowed_where_the_configuration_reports_so() -> None:
     slack = Machine(shown=lambda force_n, t_s: max(force_n - 500.0, 0.0), target_n=800.0)
     assert first_finding(slack, DRIVE, ordered_n=300.0, ordered_n_s=30.0)[0] is not None
     slack.force_n = 0.0

@@ -29,7 +29,7 @@ from semlive.model import Axis, Columns, DistortionSpline, sighting
 from .incremental_runs import GRID, about_of, accumulated, batch_of, exact_times, maps, named, when
 
 
-def test_a_long_run_makes_its_choices_anew() -> None:
+def test_a_long_run_makes_its_choices_again() -> None:
     count = DENSE_PAIRS + 2
     fresh = estimating.init(EstimateSettings(drift_knots_per_frame=0.3, distortion_knot_px=250.0), GRID, 280, 240)
     even = replace(fresh, distortion=DistortionSpline.covering(280, 240, 250.0))  # as few knots at the line start as elsewhere
@@ -114,7 +114,7 @@ def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
     np.testing.assert_allclose(spread, np.diag(np.linalg.inv(factor @ factor.T)), rtol=1e-5)
 
 
-def test_on_the_schedule_and_without_a_solution_before_all_is_chosen_anew() -> None:
+def test_on_the_schedule_and_without_a_solution_before_all_is_chosen_again() -> None:
     early = estimating.solve(accumulated((0, 1)))
     state = accumulated((0, 1, 2, 3))
     np.testing.assert_array_equal(estimating.solve_incremental(state, early).mean, estimating.solve(state).mean)

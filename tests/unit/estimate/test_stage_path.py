@@ -16,7 +16,7 @@ def turned(angle_deg: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]])
 
 
-def test_the_path_of_the_stage_tells_scale_and_angle() -> None:
+def test_the_path_of_the_stage_reports_scale_and_angle() -> None:
     """A stage whose y axis leans by 2 degrees and whose y screw is 1 % long."""
     axes = np.array([[0.8, 0.0], [0.8 * 1.01 * np.sin(np.radians(2.0)), 0.8 * 1.01 * np.cos(np.radians(2.0))]])
     rng = np.random.default_rng(3)

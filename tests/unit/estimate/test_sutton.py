@@ -74,7 +74,7 @@ def _with_hole(dmap: DisparityMap) -> DisparityMap:
     return replace(dmap, status=status)
 
 
-def test_one_pair_gives_drift_and_says_what_it_cannot(equation_9: Experiment) -> None:
+def test_one_pair_gives_drift_and_reports_what_it_cannot(equation_9: Experiment) -> None:
     solution = sutton.solve(given(equation_9, EstimateSettings(), pairs=1))
     found = sutton.to_estimate(solution, 1)
     assert not found.distortion.valid.any()
@@ -83,7 +83,7 @@ def test_one_pair_gives_drift_and_says_what_it_cannot(equation_9: Experiment) ->
         fit_lens_distortion(solution)
 
 
-def test_what_is_missing_is_said() -> None:
+def test_what_is_missing_is_reported() -> None:
     with pytest.raises(IllPosed, match="no pair"):
         sutton.solve(sutton.init(EstimateSettings(), GRID, 1024, 884))
     with pytest.raises(ValueError, match="joint or sutton2007"):

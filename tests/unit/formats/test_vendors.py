@@ -74,7 +74,7 @@ def test_fei_timing_of_real_files(
     assert timing.frame_time_s.value / timing.row_time_s.value - size[1] == pytest.approx(overhead, abs=0.01)
 
 
-def test_five_integrated_frames_of_a_quanta_count_although_its_scan_section_says_one() -> None:
+def test_five_integrated_frames_of_a_quanta_count_although_its_scan_section_reports_one() -> None:
     header = fei_header((1024, 884), "3e-005", "0.0333333", "29.5667", integrate=5)
     info = info_of(header, 1024, 884)
     assert info.timing.integrations.value == 5

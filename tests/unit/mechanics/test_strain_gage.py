@@ -78,7 +78,7 @@ def test_one_load_or_a_gage_that_stands_still_is_refused() -> None:
         mechanics.compare_with_gage(steps(-1.0), AREA_MM2)
 
 
-def test_a_gage_that_was_silent_in_one_frame_says_nothing_of_the_pair() -> None:
+def test_a_gage_that_was_silent_in_one_frame_reports_nothing_of_the_pair() -> None:
     reported, silent = FrameLoad(1.0, 1.0, 1.0, 0.0, 2e-4, 4e-7), FrameLoad(1.0, 1.0, 1.0, 0.0)
     assert mean_gage_strain(reported, silent) is None
     both = mean_gage_strain(reported, FrameLoad(1.0, 1.0, 1.0, 0.0, 4e-4, 3e-7))

@@ -150,7 +150,7 @@ def test_the_clocks_of_sem_and_share_are_told_with_the_first_frame(tmp_path: Pat
     assert bool(clocks["sem"].advice) == (late_s > 60)
 
 
-def test_what_analysis_says_of_clocks_counts_as_its_own_when_a_run_is_taken_up_again(tmp_path: Path) -> None:
+def test_what_analysis_reports_of_clocks_counts_as_its_own_when_a_run_is_taken_up_again(tmp_path: Path) -> None:
     state, outputs = WorkerState(), []
     for message in logged(tmp_path, exported(0, product(1)), exported(1, product(1)), exported(2, product(2))):
         state, more = process_message(state, message)

@@ -43,7 +43,7 @@ def zeros(size: int) -> bytes:
 
 
 @pytest.mark.parametrize("said_bytes", [1000, 2**28, 2**62])
-def test_a_chunk_that_expands_without_bound_is_refused_whatever_it_says_of_its_size(tmp_path: Path, said_bytes: int) -> None:
+def test_a_chunk_that_expands_without_bound_is_refused_whatever_it_reports_of_its_size(tmp_path: Path, said_bytes: int) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(HEAD + chunk(b"zstd", zeros(2**28), said_bytes))
     for look in (lambda: list(messages(path)), lambda: first_run(path), lambda: recover_segment(path, tmp_path / "out.mcap")):

@@ -100,7 +100,7 @@ def test_a_time_that_marks_the_start_is_held_against_the_end() -> None:
     assert clocks.sem.offset_s == pytest.approx(-1.0)
 
 
-def test_a_share_says_its_time_when_asked(tmp_path: Path) -> None:
+def test_a_share_reports_its_time_when_asked(tmp_path: Path) -> None:
     reported = probe_share(tmp_path, time.time_ns)
     assert reported is not None
     assert abs(reported.offset_s) < 0.1 + reported.sigma_s

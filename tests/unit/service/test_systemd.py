@@ -39,14 +39,14 @@ def systemd_peer() -> str:
     return found
 
 
-def test_without_a_manager_nothing_is_said() -> None:
+def test_without_a_manager_nothing_is_reported() -> None:
     silent = SystemdNotifier({"WATCHDOG_USEC": "1000"})
     silent.ready("run a")
     assert silent.watchdog_s is None
     asyncio.run(silent.watchdog())
 
 
-def test_ready_and_stopping_are_said(manager: socket.socket) -> None:
+def test_ready_and_stopping_are_reported(manager: socket.socket) -> None:
     one = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname()})
     one.ready("run a")
     one.status("half way")
@@ -106,7 +106,7 @@ def test_a_manager_that_is_gone_or_deaf_stops_nobody(tmp_path: Path, manager: so
         deaf.status("x" * 1000)
 
 
-def test_the_daemon_tells_its_manager(tmp_path: Path, manager: socket.socket) -> None:
+def test_the_daemon_reports_its_manager(tmp_path: Path, manager: socket.socket) -> None:
     (tmp_path / "export").mkdir()
     config = {
         "run": {"name": "waits", "folder": "log"},
@@ -140,7 +140,7 @@ def test_the_unit_gives_away_little(systemd_peer: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.checkout
-def test_the_unit_says_what_the_daemon_keeps() -> None:
+def test_the_unit_reports_what_the_daemon_keeps() -> None:
     text = UNIT.read_text(encoding="utf-8")
     required = (
         "Type=notify",

@@ -12,7 +12,7 @@ def git(folder: Path, *arguments: str) -> str:
     return subprocess.run(["git", "-C", str(folder), *who, *arguments], capture_output=True, text=True, check=True).stdout.strip()
 
 
-def test_the_commit_is_that_of_the_folder_and_says_whether_files_were_changed(tmp_path: Path) -> None:
+def test_the_commit_is_that_of_the_folder_and_reports_whether_files_were_changed(tmp_path: Path) -> None:
     git(tmp_path, "init", "-q")
     (tmp_path / "file").write_text("one", encoding="utf-8")
     git(tmp_path, "add", "file")

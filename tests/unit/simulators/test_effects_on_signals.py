@@ -174,7 +174,7 @@ def test_the_machine_remembers_what_was_done() -> None:
     assert motion.load_at(np.array([19.5])) == pytest.approx(200.0, abs=2.0)
 
 
-def test_truth_tells_effects_drift_and_strain() -> None:
+def test_truth_reports_effects_drift_and_strain() -> None:
     chosen = {"creep_in_hold": "x200", "thermal_oscillation": "x200"}
     scenario = dataclasses.replace(load_scenario("paper_x200"), effects=build_effects(chosen))
     history = History((LoadStep(10.0, 2000.0),))

@@ -126,7 +126,7 @@ def test_tescan_chain_of_blocks_and_two_clocks() -> None:
     assert (later - END).total_seconds() == 11
 
 
-def test_jeol_is_compressed_and_its_sidecar_tells_the_size_without_bar() -> None:
+def test_jeol_is_compressed_and_its_sidecar_reports_the_size_without_bar() -> None:
     made = product(Vendor.JEOL)
     with tifffile.TiffFile(io.BytesIO(made.image)) as tif:
         assert tif.pages[0].compression == tifffile.COMPRESSION.LZW  # type: ignore[union-attr]
@@ -150,7 +150,7 @@ def test_hitachi_sidecar_has_the_day_first_and_counts_the_bar() -> None:
     assert (reported["Date"], reported["Time"]) == (f"{END:%d/%m/%Y}", f"{END:%H:%M:%S}")
 
 
-def test_integration_is_told_as_each_vendor_tells_it() -> None:
+def test_integration_is_told_as_each_vendor_reports_it() -> None:
     export = Export(WriteStyle.DIRECT, 0.5, 1.5, 6, 0, "a", Vendor.FEI)
     lines = replace(FACTS, scan=replace(SCAN, integrations=4, integration="line"))
     frames = replace(FACTS, scan=replace(SCAN, integrations=16, integration="frame"))
