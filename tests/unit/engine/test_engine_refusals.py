@@ -44,7 +44,7 @@ def test_a_frame_that_began_before_the_hold_ended() -> None:
     assert run.state.state is State.IMAGING
 
 
-def test_a_frame_that_only_may_have_begun_too_early_counts_as_too_early(imaging: Run) -> None:
+def test_a_frame_that_only_may_have_started_too_early_counts_as_too_early(imaging: Run) -> None:
     end_ns = imaging.state.hold.end_ns
     imaging.scan(end_ns + round(0.89 * S))
     assert "may have begun 0.0 s before" in only_reason(imaging)
