@@ -51,10 +51,14 @@ def prove_complete(file: ExportedFile, profile: ScanProfile) -> CompletenessProo
     Raises:
         BadImage: the file has no readable header.
     """
-    parsed = parse_file(file)
-    header, directory = parsed.header, parsed.directory
-    if directory is None:
+    parsed = parse_file(file, profile.page)
+    header = parsed.header
+    if parsed.page is None:
         return CompletenessProof(header.vendor)
+    # The rows of one image prove nothing about the others of a file.
+    if len(tiff.directories(file.data, file.name)) > 1:
+        return None
+    directory = parsed.page.directory
     if tiff.ends_in_zeros(file.data) or _has_unwritten_tag(file.data, directory):
         return None
     rows = _stored_rows(file.data, directory, image_rows(header, parsed.rows, profile))
