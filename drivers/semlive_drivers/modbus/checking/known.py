@@ -1,0 +1,53 @@
+"""Readings that the operator takes from the device's own panel, with the tolerance that their digits state. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+
+from semlive.errors import BadConfig
+
+_MIN_COUNTS = 20
+"""A reading of fewer units of its last digit shows neither scale nor number format."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownReading:
+    """A reading of the device's panel.
+
+    Attributes:
+        value: in N or mm.
+        tolerance: one unit of the last digit, in N or mm.
+    """
+
+    value: float
+    tolerance: float
+
+    @property
+    def proves(self) -> bool:
+        """Whether it is large enough to prove scale and number format."""
+        return abs(self.value) >= _MIN_COUNTS * self.tolerance
+
+    def in_unit(self, factor: float) -> KnownReading:
+        """The reading in another unit.
+
+        Args:
+            factor: N or mm of one unit.
+        """
+        return KnownReading(self.value / factor, self.tolerance / factor)
+
+
+def parse_known(text: str, option: str) -> KnownReading:
+    """A reading from its digits: ``123.456`` has a tolerance of 0.001, ``120`` one of 1.
+
+    Raises:
+        BadConfig: if the text is no finite decimal number.
+    """
+    try:
+        number = Decimal(text.strip())
+    except InvalidOperation:
+        number = Decimal("nan")
+    if not number.is_finite():
+        raise BadConfig(f"{option} is {text!r}; give the digits of the device's panel with a decimal point, for example 123.456")
+    exponent = number.as_tuple().exponent
+    return KnownReading(float(number), 10.0 ** min(0, int(exponent)))
