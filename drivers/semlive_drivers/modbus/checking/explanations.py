@@ -94,9 +94,10 @@ def explain(described: Described, samples: Samples) -> list[Explanation]:
         samples: registers that were read.
     """
     found = {
-        measured.name: list(
-            choices(measured, described.points[measured.name], described.addresses(measured), described.points, samples)
-        )
+        measured.name: [
+            _rate(choice, samples)
+            for choice in choices(measured, described.points[measured.name], described.addresses(measured), described.points, samples)
+        ]
         for measured in described.measured
     }
     everything = sum(unused_bits(place, samples) for place in samples)
@@ -104,31 +105,46 @@ def explain(described: Described, samples: Samples) -> list[Explanation]:
     for variant in variants(described.notations):
         others_bits, used = _others(described, variant, samples)
         for combination in itertools.product(*(_ranked(found[m.name], described.points[m.name], variant) for m in described.measured)):
-            bits = variant.bits + others_bits + everything + _measured_bits(combination, used, samples)
-            key = tuple(choice.point for _, choice in combination)
+            bits = variant.bits + others_bits + everything + _combined_bits(combination, used, samples)
+            key = tuple(rated.choice.point for _, rated in combination)
             if key not in best or bits < best[key].bits:
-                names = [measured.name for measured in described.measured]
-                best[key] = Explanation(dict(zip(names, (choice for _, choice in combination), strict=True)), variant, bits)
+                chosen = {one.name: rated.choice for one, (_, rated) in zip(described.measured, combination, strict=True)}
+                best[key] = Explanation(chosen, variant, bits)
     ranked = sorted(best.values(), key=lambda explanation: explanation.bits)
     return [explanation for explanation in ranked if explanation.bits <= ranked[0].bits + FITS_WITHIN_BITS]
 
 
-def _ranked(found: Sequence[Choice], point: RegisterPoint, variant: Variant) -> list[tuple[float, Choice]]:
-    """The best choices of a number under a variant, with the bits of their changes and registers."""
+@dataclass(frozen=True, slots=True)
+class _Rated:
+    """A choice with its registers, and its bits less those of the registers as unused ones."""
+
+    choice: Choice
+    places: frozenset[Register]
+    bits: float
+
+
+def _rate(choice: Choice, samples: Samples) -> _Rated:
+    places = frozenset(registers_of(choice.point, samples))
+    return _Rated(choice, places, choice.bits - sum(unused_bits(place, samples) for place in places))
+
+
+def _ranked(found: Sequence[_Rated], point: RegisterPoint, variant: Variant) -> list[tuple[float, _Rated]]:
+    """The best choices of a number under a variant, with the bits of their changes."""
     expected = variant.of(point)
     if expected is None:
         return []
-    rated = [(bits + choice.bits, choice) for choice in found if (bits := local_bits(choice.point, expected)) is not None]
-    return sorted(rated, key=lambda pair: pair[0])[:_BEST_OF_EACH]
+    pairs = [(bits + rated.bits, rated) for rated in found if (bits := local_bits(rated.choice.point, expected)) is not None]
+    return sorted(pairs, key=lambda pair: pair[0])[:_BEST_OF_EACH]
 
 
-def _measured_bits(combination: Sequence[tuple[float, Choice]], used: set[Register], samples: Samples) -> float:
-    """Bits of the measured numbers, less those of their registers as unused ones."""
-    total, taken = 0.0, set(used)
-    for bits, choice in combination:
-        places = set(registers_of(choice.point, samples))
-        total += bits + (_OVERLAP_BITS if places & taken else 0.0) - sum(unused_bits(place, samples) for place in places - taken)
-        taken |= places
+def _combined_bits(combination: Sequence[tuple[float, _Rated]], used: set[Register], samples: Samples) -> float:
+    """Bits of the measured numbers, with those of registers that two points use."""
+    total, taken = 0.0, used
+    for bits, rated in combination:
+        total += bits
+        if twice := rated.places & taken:
+            total += _OVERLAP_BITS + sum(unused_bits(place, samples) for place in twice)
+        taken = taken | rated.places
     return total
 
 

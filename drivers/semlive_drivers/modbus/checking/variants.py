@@ -13,7 +13,7 @@ _NEAR_BITS = {0: 0.0, 1: 3.0, -1: 3.0, 2: 6.0, -2: 6.0}
 _NOTATION_BITS = 3.0
 _KIND_BITS, _WORDS_BITS, _BYTES_BITS = 3.0, 2.5, 4.0
 _LOCAL_NEAR_BITS = {0: 0.0, 1: 4.0, -1: 4.0, 2: 7.0, -2: 7.0}
-_LOCAL_KIND_BITS, _LOCAL_WORDS_BITS, _LOCAL_BYTES_BITS = 5.0, 4.0, 6.0
+_LOCAL_KIND_BITS, _LOCAL_WORDS_BITS, _LOCAL_BYTES_BITS = 6.0, 5.0, 7.0
 _SIGN_BITS, _WIDTH_BITS, _FLOAT_BITS, _RARE_BITS = 2.5, 4.0, 4.0, 2.0
 INPUT_BASE, HOLDING_BASE = 30_001, 40_001
 """Number of the first register of each table in the notation with the table as the first digit."""
