@@ -6,13 +6,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from semlive.data.checks import Finding, Verdict
-from semlive_drivers.modbus.checking.evidence import Samples, first_values
+from semlive_drivers.modbus.checking.evidence import Samples, bits_of, first_values, value_of
 from semlive_drivers.modbus.checking.explanations import Described, Explanation, as_described, distinct, explain
 from semlive_drivers.modbus.checking.wording import correction, layout, order_words, values
 
 ORDER = "order of words"
 """The finding of the layout, named after its most frequent error."""
 _SHOWN = 5
+_LEAST = 1e-6
+"""A smaller float shows no order of registers."""
 _OPTIONS = {"force": "--force-reads", "extension": "--extension-reads"}
 
 
@@ -47,10 +49,12 @@ def diagnose(described: Described, samples: Samples) -> Diagnosis:
         explanations = list(distinct(described, explain(described, samples)))
     own = as_described(described, explanations)
     proofs = list(_proofs(described, units))
-    listed = [] if own is not None and len(explanations) == 1 else list(_listed(described, explanations, units))
     verdict = _verdict(described, explanations, own, samples)
+    listed = [] if verdict.verdict is Verdict.OK else list(_listed(described, explanations, units))
     findings = (verdict, *listed, *contradicted, *proofs)
-    return Diagnosis(findings, all(finding.verdict is Verdict.OK for finding in findings), not contradicted and _says_much(explanations, samples))
+    much = _says_much(explanations, samples)
+    proved = bool(proofs) and much and all(finding.verdict is Verdict.OK for finding in findings)
+    return Diagnosis(findings, proved, much and not contradicted)
 
 
 def _says_much(explanations: Sequence[Explanation], samples: Samples) -> bool:
@@ -67,9 +71,7 @@ def _verdict(described: Described, explanations: Sequence[Explanation], own: Exp
         advice = "check address, kind, dtype and order of words with the manual; at rest and with power on the values must be plausible"
         return Finding(ORDER, f"{names}: no order makes sense", Verdict.FAILED, advice)
     if own is not None and not any(any(first_values(choice.point, samples)) for choice in own.chosen.values()):
-        return Finding(
-            ORDER, "every number with several registers is zero", Verdict.UNKNOWN, "load the cell a little and check again"
-        )
+        return _at_zero(described, samples)
     if len(explanations) > 1:
         texts = "; or ".join(layout(one, described.points) for one in explanations[:_SHOWN])
         more = f"; and {len(explanations) - _SHOWN} more" if len(explanations) > _SHOWN else ""
@@ -84,6 +86,17 @@ def _verdict(described: Described, explanations: Sequence[Explanation], own: Exp
         return Finding(ORDER, f"{names}: {' and '.join(orders)} makes sense", Verdict.OK)
     (only,) = explanations
     return Finding(ORDER, f"{layout(only, described.points)} makes sense", Verdict.FAILED, _advice(described, only))
+
+
+def _at_zero(described: Described, samples: Samples) -> Finding:
+    """The finding where force and extension are 0: another number with several registers may show the order."""
+    for name in sorted(described.read_points()):
+        point = described.points[name]
+        if point.dtype.is_float and any(first_values(point, samples)):
+            value = value_of(point, samples, described.points)
+            if value is not None and bits_of(point, samples, value, abs(value)) is not None and abs(value) > _LEAST:
+                return Finding(ORDER, f"{name}: {order_words(point)} makes sense", Verdict.OK)
+    return Finding(ORDER, "every number with several registers is zero", Verdict.UNKNOWN, "load the cell a little and check again")
 
 
 def _advice(described: Described, only: Explanation) -> str:
