@@ -22,7 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "drivers"), str(ROOT / "simulators"), str(ROOT / "tests" / "contract"), str(Path(__file__).resolve().parent)]
+for _folder in (ROOT / "simulators", ROOT / "drivers", ROOT / "tests" / "contract", ROOT / "tests" / "benchmarks"):
+    sys.path.insert(0, str(_folder))
 
 import yaml
 from frame_check_maps import ERRORS, Case, Truth, peer_truths, simulated_truth, wrong_maps
@@ -111,7 +112,7 @@ def line_of(outcome: Outcome) -> str:
 
 def table(outcomes: Sequence[Outcome]) -> str:
     """The figures by kind of error, in Markdown."""
-    rows = ["| error | maps | named at the first look | with known readings: named | named among several | not named | wrong \"sound\" |"]
+    rows = ['| error | maps | named at the first look | with known readings: named | named among several | not named | wrong "sound" |']
     rows.append("|---|---|---|---|---|---|---|")
     for kind in (*ERRORS, "two errors", "all"):
         found = [one for one in outcomes if kind == "all" or (one.errors == (kind,)) or (kind == "two errors" and len(one.errors) > 1)]
@@ -144,7 +145,7 @@ def main() -> int:
             sys.stdout.flush()
         sound, checked = right_maps(truths, folder)
     named, wrong = sum(one.named for one in outcomes), sum(one.sound for one in outcomes)
-    shown = f"{table(outcomes)}\n\nRight diagnosis {named} of {len(outcomes)} ({named / len(outcomes):.1%}); wrong \"sound\": {wrong}. "
+    shown = f'{table(outcomes)}\n\nRight diagnosis {named} of {len(outcomes)} ({named / len(outcomes):.1%}); wrong "sound": {wrong}. '
     shown += f"Right maps that are sound with known readings: {sound} of {checked}.\n"
     sys.stdout.write(f"\n{shown}")
     if options.write:

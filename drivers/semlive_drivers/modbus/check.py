@@ -14,7 +14,6 @@ from semlive_drivers.modbus.checking.answers import describe_answer
 from semlive_drivers.modbus.checking.choices import Measured
 from semlive_drivers.modbus.checking.diagnosis import Diagnosis, diagnose
 from semlive_drivers.modbus.checking.explanations import Described
-from semlive_drivers.modbus.checking.known import KnownReading, parse_known
 from semlive_drivers.modbus.checking.reader import Reader, Register
 from semlive_drivers.modbus.checking.refusals import refusal_findings
 from semlive_drivers.modbus.checking.variants import COUNTED, WRITTEN, is_numbered
@@ -26,6 +25,7 @@ from semlive_drivers.modbus.numbered_addresses import load_numbered_map
 from semlive_drivers.modbus.orders.requests import DescribedOrders
 from semlive_drivers.modbus.registers import RegisterPoint, overridden_points
 from semlive_drivers.modbus.settings import PartSettings
+from semlive_drivers.panel_reading import KnownReading, known_readings
 from semlive_drivers.settings import checked
 from semlive_drivers.units import factor
 
@@ -33,8 +33,6 @@ _COUNTER_WAIT_S = 0.3
 """Time between two readings of the counter of readings."""
 _SAMPLES, _SAMPLE_WAIT_S = 3, 0.1
 """Readings of the registers near the measured numbers, and the time between them."""
-KNOWN_OPTIONS = {"force_reads": "--force-reads", "extension_reads": "--extension-reads"}
-"""Options for readings of the device's panel, by their key in the settings."""
 
 Registers = dict[str, tuple[int, ...]]
 
@@ -46,15 +44,14 @@ def check_modbus(
 
     Args:
         name: name of the description, or a path.
-        settings: as of the driver, with the readings of the device's panel under `KNOWN_OPTIONS`.
+        settings: as of the driver, with the readings of the device's panel under the keys of `panel_reading.OPTIONS`.
         orders: checks orders against those that the device can take.
 
     Raises:
         BadConfig: for settings or a description that are not valid.
         LinkRefused: if no device answers, or its answers cannot be used.
     """
-    known = {key: parse_known(str(settings[key]), option) for key, option in KNOWN_OPTIONS.items() if settings.get(key) is not None}
-    driver_settings = {key: value for key, value in settings.items() if key not in KNOWN_OPTIONS}
+    known, driver_settings = known_readings(settings)
     config = checked(PartSettings, {**driver_settings, "map": name}, "frame check")
     device, renumbered = load_numbered_map(name)
     points = overridden_points({key: text.point() for key, text in device.points.items()}, config.registers, "frame check: registers")
@@ -90,7 +87,9 @@ def _read_all(reader: Reader, config: PartSettings, points: Mapping[str, Registe
         except LinkError as error:
             if not reader.answered:
                 raise _refused(reader, config, point, error) from error
-            findings.append(Finding(name, str(error), Verdict.FAILED, "the device answers other registers: check its address in the manual"))
+            findings.append(
+                Finding(name, str(error), Verdict.FAILED, "the device answers other registers: check its address in the manual")
+            )
     asked = {name: f"{point.kind.entry_name} {point.address}" for name, point in points.items()}
     return read, [*refusal_findings(reader.where, refused, asked), *findings]
 

@@ -47,7 +47,8 @@ def check(
         ),
     ] = None,
     force_reads: Annotated[
-        str | None, typer.Option(help="Force that the device's own panel shows now, N, with all its digits: 123.456. Proves scale and format.")
+        str | None,
+        typer.Option(help="Force that the device's own panel shows now, N, with all its digits: 123.456. Proves scale and format."),
     ] = None,
     extension_reads: Annotated[str | None, typer.Option(help="Extension that the device's own panel shows now, mm.")] = None,
     config: Annotated[

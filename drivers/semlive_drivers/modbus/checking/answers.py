@@ -40,7 +40,9 @@ def describe_answer(host: str, port: int, unit: int, block: Block, timeout_s: fl
         return None
     waited_s = time.monotonic() - begin_s
     if not received:
-        return "the device closed the connection without an answer; check --unit, and who else is connected to the device" if ended else None
+        return (
+            "the device closed the connection without an answer; check --unit, and who else is connected to the device" if ended else None
+        )
     return _judge(received, request, unit, block, waited_s, timeout_s)
 
 
@@ -64,7 +66,9 @@ def _receive(sock: socket.socket, until_s: float) -> tuple[bytes, bool]:
 def _judge(received: bytes, request: bytes, unit: int, block: Block, waited_s: float, timeout_s: float) -> str:
     """What differs from the standard in a reply."""
     if len(received) < _HEADER_BYTES + 1:
-        return f"the device sent {len(received)} bytes, which are no Modbus TCP reply; check the port, and that the device speaks Modbus TCP"
+        return (
+            f"the device sent {len(received)} bytes, which are no Modbus TCP reply; check the port, and that the device speaks Modbus TCP"
+        )
     transaction, protocol, length, answered = struct.unpack(">HHHB", received[:_HEADER_BYTES])
     if protocol:
         return "the device answered, but not in Modbus TCP; check the port, or a gateway that passes Modbus RTU frames through"

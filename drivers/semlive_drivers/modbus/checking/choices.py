@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from semlive_drivers.modbus.checking.evidence import Samples, bits_of, jump_bits, noise_of, value_of
-from semlive_drivers.modbus.checking.known import KnownReading
 from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint, WordOrder
+from semlive_drivers.panel_reading import KnownReading
 
 _SWAPPED = {Kind.INPUT: Kind.HOLDING, Kind.HOLDING: Kind.INPUT}
 _NEAR = (0, 1, -1, 2, -2)
@@ -119,7 +119,9 @@ def _scaled(
     return None
 
 
-def _scales(described: RegisterPoint, point: RegisterPoint, raw: float, known: float, format_differs: bool) -> Iterator[tuple[float, float]]:
+def _scales(
+    described: RegisterPoint, point: RegisterPoint, raw: float, known: float, format_differs: bool
+) -> Iterator[tuple[float, float]]:
     """Scales that may turn a raw value (at the scale of the point) into the known one, each with its bits."""
     yield 1.5 if format_differs else 0.0, point.scale
     if not raw or not known:

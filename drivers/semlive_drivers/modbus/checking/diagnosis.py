@@ -102,7 +102,8 @@ def _at_zero(described: Described, samples: Samples) -> Finding:
 def _advice(described: Described, only: Explanation) -> str:
     points = {name: described.points[name] for name in only.chosen}
     same = all(
-        replace(only.chosen[name].point, word_order=point.word_order, byte_order=point.byte_order) == point for name, point in points.items()
+        replace(only.chosen[name].point, word_order=point.word_order, byte_order=point.byte_order) == point
+        for name, point in points.items()
     )
     if same:
         states = ", ".join(dict.fromkeys(order_words(point) for point in points.values()))
@@ -116,7 +117,9 @@ def _how_to_decide(described: Described, explanations: Sequence[Explanation]) ->
     known = [measured for measured in described.measured if measured.known is not None]
     ways = ["press on the cell by hand and check again: in the right explanation the value follows the hand, without jumps"]
     if not known:
-        ways.append("hang a known weight on the cell, or give what the device's panel shows (--force-reads 123.456, --extension-reads 1.234)")
+        ways.append(
+            "hang a known weight on the cell, or give what the device's panel shows (--force-reads 123.456, --extension-reads 1.234)"
+        )
     else:
         ways[0] = "press on the cell by hand, so that the panel shows no round number, and check again with this reading and all its digits"
         if _signs_differ(explanations):
@@ -170,4 +173,3 @@ def _units(described: Described) -> dict[str, str]:
     tells = described.device.tells
     pairs = ((tells.force, tells.force_unit), (tells.extension, tells.extension_unit), (tells.strain_gage, tells.strain_gage_unit))
     return {name: unit for name, unit in pairs if name is not None}
-

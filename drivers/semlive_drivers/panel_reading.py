@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 
 from semlive.errors import BadConfig
 
+OPTIONS = {"force_reads": "--force-reads", "extension_reads": "--extension-reads"}
+"""Options of `semlive frame check`, by their key in the settings."""
 _MIN_COUNTS = 20
 """A reading of fewer units of its last digit shows neither scale nor number format."""
 
@@ -51,3 +54,13 @@ def parse_known(text: str, option: str) -> KnownReading:
         raise BadConfig(f"{option} is {text!r}; give the digits of the device's panel with a decimal point, for example 123.456")
     exponent = number.as_tuple().exponent
     return KnownReading(float(number), 10.0 ** min(0, int(exponent)))
+
+
+def known_readings(settings: Mapping[str, object]) -> tuple[dict[str, KnownReading], dict[str, object]]:
+    """Readings of the panel in settings, by their key in `OPTIONS`, and the other settings.
+
+    Raises:
+        BadConfig: for a reading that is no number.
+    """
+    known = {key: parse_known(str(settings[key]), option) for key, option in OPTIONS.items() if settings.get(key) is not None}
+    return known, {key: value for key, value in settings.items() if key not in OPTIONS}
