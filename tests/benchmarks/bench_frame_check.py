@@ -1,6 +1,6 @@
 """`semlive frame check` on random wrong register maps, against the simulated bench and the independent load frame.
 
-    python tests/benchmarks/bench_frame_check.py [--maps 200] [--seed 1] [--write] [--only bench|peer]
+    python tests/benchmarks/bench_frame_check.py [--maps 200] [--seed 1] [--write] [--only bench|peer] [--peers FOLDER]
 
 Each map is a right one with one random error of the kinds in `frame_check_maps.ERRORS`, in two cases of ten with two. Every map is checked
 twice at a random load: alone, as a first look, and with what the device's panel shows. A diagnosis is right if the device's own layout
@@ -22,12 +22,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-for _folder in (ROOT / "simulators", ROOT / "drivers", ROOT / "tests" / "contract", ROOT / "tests" / "benchmarks"):
-    sys.path.insert(0, str(_folder))
+sys.path.insert(0, str(ROOT / "simulators"))
+sys.path.insert(0, str(ROOT / "drivers"))
+sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import yaml
-from frame_check_maps import ERRORS, Case, Truth, peer_truths, simulated_truth, wrong_maps
-from links.peer_frame import buildable, compiled, running
+from frame_check_maps import ERRORS, Case, Truth, peer_frame, peer_truths, simulated_truth, wrong_maps
+from peer_frame.building import PEERS, build, missing_tool
 
 from semlive.data.checks import FrameCheck
 from semlive_drivers.modbus.check import check_modbus
@@ -129,15 +131,18 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", choices=("bench", "peer"), default=None)
     parser.add_argument("--write", action="store_true", help=f"write the section of {PAGE.name}")
+    parser.add_argument("--peers", type=Path, default=PEERS, help="folder of the source of the independent frame")
     options = parser.parse_args()
+    if options.only != "bench" and (why := missing_tool(options.peers)):
+        parser.error(f"{why}; or give --only bench")
     rng = random.Random(options.seed)
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         truths: list[Truth] = []
         if options.only != "peer":
             truths += [simulated_truth(stack.enter_context(simulated_bench(folder, force_n)), force_n) for force_n in (217.4, 63.1)]
-        if options.only != "bench" and buildable():
-            truths += peer_truths(stack.enter_context(running(compiled(folder), folder, 8)))
+        if options.only != "bench":
+            truths += peer_truths(stack.enter_context(peer_frame(build(options.peers, folder), folder, F=-117.3628, E=-0.4711)))
         outcomes = []
         for case in wrong_maps(truths, rng, options.maps):
             outcomes.append(judge(case, folder))

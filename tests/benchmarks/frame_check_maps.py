@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import copy
 import random
+import socket
+import struct
+import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
-from links.peer_frame import Peer
 from pymodbus.client import ModbusTcpClient
 
 Fields = dict[str, Any]
@@ -101,7 +105,7 @@ def simulated_truth(port: int, force_n: float) -> Truth:
         with ModbusTcpClient("127.0.0.1", port=port, timeout=10) as client:
             while len(found) < 6:
                 registers = client.read_input_registers(3, count=5, device_id=1).registers
-                force, extension = (float(client.convert_from_registers(registers[at : at + 2], client.DATATYPE.FLOAT32)) for at in (1, 3))
+                force, extension = (struct.unpack(">f", struct.pack(">HH", *registers[at : at + 2]))[0] for at in (1, 3))
                 if registers[0] == 0 and abs(force - force_n) < 1.0:
                     found.append((force, extension))
                 time.sleep(0.02)
@@ -116,10 +120,30 @@ def _digits(values: list[float]) -> str:
     return f"{values[-1]:.{decimals}f}"
 
 
-def peer_truths(peer: Peer) -> list[Truth]:
-    """The independent frame at one load, by its four layouts."""
-    peer.switch("F -117.3628")
-    peer.switch("E -0.4711")
+@contextmanager
+def peer_frame(executable: Path, folder: Path, **values: float) -> Iterator[int]:
+    """TCP port of the independent frame with these true values, set over UDP."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    log = folder / "frame.log"
+    process = subprocess.Popen([executable, str(port), str(log), "8"])
+    try:
+        while not (log.exists() and "START" in log.read_text(encoding="utf-8")):
+            time.sleep(0.01)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+            for name, value in values.items():
+                control.sendto(f"{name} {value}".encode(), ("127.0.0.1", port))
+        while log.read_text(encoding="utf-8").count("CTL") < len(values):
+            time.sleep(0.01)
+        yield port
+    finally:
+        process.kill()
+        process.wait()
+
+
+def peer_truths(port: int) -> list[Truth]:
+    """The independent frame at -117.3628 N and -0.4711 mm, by its three layouts."""
 
     def panel() -> tuple[str, str]:
         return "-117.363", "-0.4711"
@@ -130,9 +154,9 @@ def peer_truths(peer: Peer) -> list[Truth]:
     integer = {"kind": "input", "address": 10, "dtype": "i16", "scale": 0.1}
     long = {"kind": "input", "address": 12, "dtype": "i32", "words": "low_first", "scale": 0.0001}
     return [
-        Truth("peer f32 low", peer.port, _content("peer", {**low, "address": 0}, {**low, "address": 2}, motion), panel),
-        Truth("peer f32 high", peer.port, _content("peer", {**high, "address": 20}, {**high, "address": 22}, motion), panel),
-        Truth("peer i16 i32", peer.port, _content("peer", integer, long, motion), lambda: ("-117.4", "-0.4711")),
+        Truth("peer f32 low", port, _content("peer", {**low, "address": 0}, {**low, "address": 2}, motion), panel),
+        Truth("peer f32 high", port, _content("peer", {**high, "address": 20}, {**high, "address": 22}, motion), panel),
+        Truth("peer i16 i32", port, _content("peer", integer, long, motion), lambda: ("-117.4", "-0.4711")),
     ]
 
 

@@ -157,7 +157,8 @@ def test_a_reading_is_a_decimal_number(text: str) -> None:
 def test_every_exception_has_one_advice() -> None:
     texts = [exception_advice(code, "force") for code in (1, 2, 3, 4, 5, 6, 7, 8, 10, 11)]
     assert len(set(texts)) == len(texts)
-    refused, asked = dict.fromkeys(("force", "motion"), 11), {"force": "input register 0", "motion": "input register 4"}
+    refused: dict[str, int] = {"force": 11, "motion": 11}
+    asked = {"force": "input register 0", "motion": "input register 4"}
     (one,) = refusal_findings("device", refused, asked)
     assert one.what == "force, motion"
     assert "did not answer (exception 11)" in one.observation

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from semlive.data.checks import Finding, Verdict
 from semlive_drivers.modbus.checking.evidence import Samples, bits_of, first_values, value_of
 from semlive_drivers.modbus.checking.explanations import Described, Explanation, as_described, distinct, explain
 from semlive_drivers.modbus.checking.wording import correction, layout, order_words, values
+from semlive_drivers.modbus.registers import RegisterPoint
 
 ORDER = "order of words"
 """The finding of the layout, named after its most frequent error."""
@@ -33,20 +34,23 @@ class Diagnosis:
     found: bool = True
 
 
-def diagnose(described: Described, samples: Samples) -> Diagnosis:
+def diagnose(described: Described, samples: Samples, shipped: Mapping[str, RegisterPoint] | None = None) -> Diagnosis:
     """Compare a description with all others that may explain the device.
 
     Args:
         described: the description, with the known readings.
         samples: registers that were read, at least three times.
+        shipped: points of the maker's documents, if the description is one of a make that comes with semlive: where they fit, they are right.
     """
     units = _units(described)
-    explanations = list(distinct(described, explain(described, samples)))
+    explanations = list(distinct(described, explain(described, samples), samples))
     contradicted: list[Finding] = []
     if not explanations and any(measured.known for measured in described.measured):
         contradicted = list(_unexplained(described, units))
         described = replace(described, measured=tuple(replace(measured, known=None) for measured in described.measured))
-        explanations = list(distinct(described, explain(described, samples)))
+        explanations = list(distinct(described, explain(described, samples), samples))
+    if shipped is not None:
+        explanations = [one for one in explanations if _is_of(one, shipped)] or explanations
     own = as_described(described, explanations)
     proofs = list(_proofs(described, units))
     verdict = _verdict(described, explanations, own, samples)
@@ -55,6 +59,11 @@ def diagnose(described: Described, samples: Samples) -> Diagnosis:
     much = _says_much(explanations, samples)
     proved = bool(proofs) and much and all(finding.verdict is Verdict.OK for finding in findings)
     return Diagnosis(findings, proved, much and not contradicted)
+
+
+def _is_of(explanation: Explanation, points: Mapping[str, RegisterPoint]) -> bool:
+    """Whether every measured number is at a point, in any scale."""
+    return all(replace(choice.point, scale=points[name].scale) == points[name] for name, choice in explanation.chosen.items())
 
 
 def _says_much(explanations: Sequence[Explanation], samples: Samples) -> bool:

@@ -191,17 +191,25 @@ def as_described(described: Described, explanations: Sequence[Explanation]) -> E
     return None
 
 
-def distinct(described: Described, explanations: Sequence[Explanation]) -> Iterator[Explanation]:
-    """Explanations that differ in more than the sign of numbers too long to be filled."""
+def distinct(described: Described, explanations: Sequence[Explanation], samples: Samples) -> Iterator[Explanation]:
+    """Explanations that read differently, at some time: not in the sign of long numbers, or in a table with the same registers."""
     seen: set[tuple[RegisterPoint, ...]] = set()
     for explanation in explanations:
-        key = tuple(_merged(choice.point, described.points[name]) for name, choice in explanation.chosen.items())
+        key = tuple(_merged(choice.point, described.points[name], samples) for name, choice in explanation.chosen.items())
         if key not in seen:
             seen.add(key)
             yield explanation
 
 
-def _merged(point: RegisterPoint, described: RegisterPoint) -> RegisterPoint:
-    """The point, as its signed format where an unsigned number of 32 bits or more was described as signed."""
+def _merged(point: RegisterPoint, described: RegisterPoint, samples: Samples) -> RegisterPoint:
+    """The point, in the described sign and table if it reads the same there.
+
+    An unsigned number of 32 bits or more that was described as signed is too long to be filled. A device may show its registers in both
+    tables.
+    """
     signed = described.dtype.value.startswith("i") and point.dtype.value == f"u{described.dtype.value[1:]}"
-    return replace(point, dtype=described.dtype) if signed and point.dtype.registers > 1 else point
+    if signed and point.dtype.registers > 1:
+        point = replace(point, dtype=described.dtype)
+    other = replace(point, kind=described.kind)
+    here, there = ([tuple(samples[place]) for place in registers_of(one, samples)] for one in (point, other))
+    return other if here == there and any(any(values) for values in here) else point
