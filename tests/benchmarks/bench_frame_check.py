@@ -21,10 +21,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "simulators"))
-sys.path.insert(0, str(ROOT / "drivers"))
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "simulators"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "drivers"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import yaml
@@ -40,7 +39,7 @@ from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
 MIN_RIGHT = 0.95
-PAGE = ROOT / "docs" / "validation" / "robustness.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "validation" / "robustness.md"
 BEGIN, END = "<!-- bench_frame_check -->", "<!-- end of bench_frame_check -->"
 
 

@@ -109,14 +109,14 @@ def simulated_truth(port: int, force_n: float) -> Truth:
                 if registers[0] == 0 and abs(force - force_n) < 1.0:
                     found.append((force, extension))
                 time.sleep(0.02)
-        return _digits([force for force, _ in found]), _digits([extension for _, extension in found])
+        return _digits([force for force, _ in found], 3), _digits([extension for _, extension in found], 4)
 
     return Truth(f"bench {force_n:g} N", port, content, panel)
 
 
-def _digits(values: list[float]) -> str:
-    """The last value with the digits that are common to all."""
-    decimals = next(number for number in range(6, -1, -1) if 2 * (max(values) - min(values)) <= 10.0**-number or number == 0)
+def _digits(values: list[float], most: int) -> str:
+    """The last value with as many decimals as stand still, at most those of a panel."""
+    decimals = next(number for number in range(most, -1, -1) if 2 * (max(values) - min(values)) <= 10.0**-number or number == 0)
     return f"{values[-1]:.{decimals}f}"
 
 

@@ -1,7 +1,7 @@
 """Descriptions that explain what a device answers, the most likely one first. Pure.
 
-Each combination of an error of the whole description (`Variant`) with errors of single measured numbers (`Choice`) is weighed by the bits of
-its changes and of the registers under it, those included that it leaves unused (`evidence`).
+Each combination of an error of the whole description (`Variant`) with errors of single measured numbers (`Choice`) is weighed by the bits
+of its changes and of the registers under it, those included that it leaves unused (`evidence`).
 """
 
 from __future__ import annotations
