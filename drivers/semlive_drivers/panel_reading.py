@@ -15,7 +15,7 @@ _MIN_COUNTS = 20
 
 
 @dataclass(frozen=True, slots=True)
-class KnownReading:
+class PanelReading:
     """A reading of the device's panel.
 
     Attributes:
@@ -31,16 +31,16 @@ class KnownReading:
         """Whether it is large enough to prove scale and number format."""
         return abs(self.value) >= _MIN_COUNTS * self.tolerance
 
-    def in_unit(self, factor: float) -> KnownReading:
+    def in_unit(self, factor: float) -> PanelReading:
         """The reading in another unit.
 
         Args:
             factor: N or mm of one unit.
         """
-        return KnownReading(self.value / factor, self.tolerance / factor)
+        return PanelReading(self.value / factor, self.tolerance / factor)
 
 
-def parse_known(text: str, option: str) -> KnownReading:
+def parse_reading(text: str, option: str) -> PanelReading:
     """A reading from its digits: ``123.456`` has a tolerance of 0.001, ``120`` one of 1.
 
     Raises:
@@ -53,14 +53,14 @@ def parse_known(text: str, option: str) -> KnownReading:
     if not number.is_finite():
         raise BadConfig(f"{option} is {text!r}; give the digits of the device's panel with a decimal point, for example 123.456")
     exponent = number.as_tuple().exponent
-    return KnownReading(float(number), 10.0 ** min(0, int(exponent)))
+    return PanelReading(float(number), 10.0 ** min(0, int(exponent)))
 
 
-def known_readings(settings: Mapping[str, object]) -> tuple[dict[str, KnownReading], dict[str, object]]:
+def panel_readings(settings: Mapping[str, object]) -> tuple[dict[str, PanelReading], dict[str, object]]:
     """Readings of the panel in settings, by their key in `OPTIONS`, and the other settings.
 
     Raises:
         BadConfig: for a reading that is no number.
     """
-    known = {key: parse_known(str(settings[key]), option) for key, option in OPTIONS.items() if settings.get(key) is not None}
-    return known, {key: value for key, value in settings.items() if key not in OPTIONS}
+    panel = {key: parse_reading(str(settings[key]), option) for key, option in OPTIONS.items() if settings.get(key) is not None}
+    return panel, {key: value for key, value in settings.items() if key not in OPTIONS}

@@ -1,4 +1,4 @@
-"""Check of a device against its register map: identity, plausible values, layout, known readings. It reads and never writes."""
+"""Check of a device against its register map: identity, plausible values, layout, panel readings. It reads and never writes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from semlive_drivers.modbus.numbered_addresses import load_numbered_map
 from semlive_drivers.modbus.orders.requests import DescribedOrders
 from semlive_drivers.modbus.registers import RegisterPoint, overridden_points
 from semlive_drivers.modbus.settings import PartSettings
-from semlive_drivers.panel_reading import KnownReading, known_readings
+from semlive_drivers.panel_reading import PanelReading, panel_readings
 from semlive_drivers.settings import checked
 from semlive_drivers.units import factor
 
@@ -51,7 +51,7 @@ def check_modbus(
         BadConfig: for settings or a description that are not valid.
         LinkRefused: if no device answers, or its answers cannot be used.
     """
-    known, driver_settings = known_readings(settings)
+    panel, driver_settings = panel_readings(settings)
     config = checked(PartSettings, {**driver_settings, "map": name}, "frame check")
     device, renumbered = load_numbered_map(name)
     points = overridden_points({key: text.point() for key, text in device.points.items()}, config.registers, "frame check: registers")
@@ -62,7 +62,7 @@ def check_modbus(
         findings += _identity(device, read)
         findings += _values(device, points, read)
         shipped = {key: text.point() for key, text in device.points.items()} if is_of_a_machine(name) else None
-        diagnosis = _layout(reader, Described(device, points, _measured(device, points, known)), read, shipped)
+        diagnosis = _layout(reader, Described(device, points, _measured(device, points, panel)), read, shipped)
         findings += diagnosis.findings
         findings += _validity(device, read)
         findings += _counting(reader, device, points, read)
@@ -91,18 +91,18 @@ def _read_all(reader: Reader, config: PartSettings, points: Mapping[str, Registe
             findings.append(
                 Finding(name, str(error), Verdict.FAILED, "the device answers other registers: check its address in the manual")
             )
-    asked = {name: f"{point.kind.entry_name} {point.address}" for name, point in points.items()}
-    return read, [*refusal_findings(reader.where, refused, asked), *findings]
+    requests = {name: f"{point.kind.entry_name} {point.address}" for name, point in points.items()}
+    return read, [*refusal_findings(reader.where, refused, requests), *findings]
 
 
 def _refused(reader: Reader, config: PartSettings, point: RegisterPoint, error: LinkError) -> LinkRefused:
     """The error for a device of which no answer is of use, with what it really sends."""
     reader.close()
-    told = None
+    answer = None
     if config.serial is None:
-        told = describe_answer(config.host, config.port, config.unit, block_of((point,)), config.timeout_s)
-    if told is not None:
-        return LinkRefused(f"{reader.where}: {told}")
+        answer = describe_answer(config.host, config.port, config.unit, block_of((point,)), config.timeout_s)
+    if answer is not None:
+        return LinkRefused(f"{reader.where}: {answer}")
     advice = "" if "check" not in str(error) else ", and that host, port and unit are its own"
     return LinkRefused(f"{error}{advice}")
 
@@ -166,13 +166,13 @@ def _layout(reader: Reader, near: Described, read: Registers, shipped: Mapping[s
 
 def _samples(reader: Reader, described: Described, read: Registers) -> dict[Register, list[int]]:
     """Registers near the measured numbers, several times."""
-    wanted = described.wanted()
+    needed = described.needed()
     samples: dict[Register, list[int]] = {}
     for number in range(_SAMPLES):
         if number:
             time.sleep(_SAMPLE_WAIT_S)
-        found = reader.search(wanted)
-        wanted &= set(found)
+        found = reader.search(needed)
+        needed &= set(found)
         for place, value in found.items():
             samples.setdefault(place, []).append(value)
     for name, registers in read.items():  # registers that the device gives only in requests for the whole number
@@ -182,7 +182,7 @@ def _samples(reader: Reader, described: Described, read: Registers) -> dict[Regi
     return samples
 
 
-def _measured(device: DeviceMap, points: Mapping[str, RegisterPoint], known: Mapping[str, KnownReading]) -> tuple[Measured, ...]:
+def _measured(device: DeviceMap, points: Mapping[str, RegisterPoint], panel: Mapping[str, PanelReading]) -> tuple[Measured, ...]:
     """The numbers that are explained: force and extension, or others with several registers if there are none."""
     tells = device.tells
     units = {tells.force: ("force_reads", tells.force_unit), tells.extension: ("extension_reads", tells.extension_unit)}
@@ -192,7 +192,7 @@ def _measured(device: DeviceMap, points: Mapping[str, RegisterPoint], known: Map
     found = []
     for name in names:
         key, unit = units.get(name, ("", "1"))
-        reading = known[key].in_unit(factor(unit, name)) if key in known else None
+        reading = panel[key].in_unit(factor(unit, name)) if key in panel else None
         found.append(Measured(name, device.plausible.get(name), reading))
     return tuple(found)
 

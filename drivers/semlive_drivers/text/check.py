@@ -9,7 +9,7 @@ from semlive.errors import LinkError
 from semlive.ports import ClockSource
 from semlive_drivers.device_part import OrderBook
 from semlive_drivers.maps import is_of_a_machine
-from semlive_drivers.panel_reading import KnownReading, known_readings
+from semlive_drivers.panel_reading import PanelReading, panel_readings
 from semlive_drivers.text.part import TextPart, open_part
 
 
@@ -31,7 +31,7 @@ def check_text(
         BadConfig: for settings or a description that are not valid.
         LinkRefused: if the line cannot be opened, or another device answers.
     """
-    known, driver_settings = known_readings(settings)
+    panel, driver_settings = panel_readings(settings)
     part = open_part({**driver_settings, "map": name}, clock, "frame check")
     try:
         dialogue = part.dialogue
@@ -43,7 +43,7 @@ def check_text(
         findings += [Finding("identity", step.ask, Verdict.OK) for step in dialogue.identity]
         values: dict[str, float] = {}
         findings += [finding for ask in dialogue.every_turn for finding in _compare(part, ask, values)]
-        proofs = list(_proofs(values, known))
+        proofs = list(_proofs(values, panel))
         findings += proofs
         try:
             part.identify()
@@ -56,23 +56,23 @@ def check_text(
     return FrameCheck(dialogue.name, part.where, dialogue.source, dialogue.confirmed, tuple(findings), proved)
 
 
-def _proofs(values: Mapping[str, float], known: Mapping[str, KnownReading]) -> Iterator[Finding]:
+def _proofs(values: Mapping[str, float], panel: Mapping[str, PanelReading]) -> Iterator[Finding]:
     """Whether force and extension agree with the device's panel."""
     for group, unit in (("force", "N"), ("extension", "mm")):
         key, what = f"{group}_reads", f"scale of {group}"
         if group not in values:
             continue
-        if key not in known:
+        if key not in panel:
             advice = f"give what the device's panel shows, with all digits: --{group}-reads 123.456; or hang a known weight on the cell"
             yield Finding(what, "no reading at rest shows unit and sign", Verdict.UNKNOWN, advice)
             continue
-        agrees = abs(values[group] - known[key].value) <= known[key].tolerance
-        text = f"{values[group]:g} {unit}, and {known[key].value:g} {unit} on the panel"
+        agrees = abs(values[group] - panel[key].value) <= panel[key].tolerance
+        text = f"{values[group]:g} {unit}, and {panel[key].value:g} {unit} on the panel"
         if not agrees:
             yield Finding(
                 what, text, Verdict.FAILED, "correct unit and sign in the description (units), or give only digits that stand still"
             )
-        elif not known[key].proves:
+        elif not panel[key].proves:
             yield Finding(what, text, Verdict.UNKNOWN, "too small to show unit and sign: press on the cell by hand, and check again")
         else:
             yield Finding(what, text, Verdict.OK)

@@ -18,7 +18,7 @@ from semlive_drivers.modbus.checking.refusals import exception_advice, refusal_f
 from semlive_drivers.modbus.checking.variants import WRITTEN
 from semlive_drivers.modbus.device_map import load_map
 from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint, WordOrder
-from semlive_drivers.panel_reading import KnownReading, parse_known
+from semlive_drivers.panel_reading import PanelReading, parse_reading
 
 FORCE_N, EXTENSION_MM = 123.456, 1.2345
 GENERIC = load_map("generic")
@@ -46,13 +46,13 @@ def diagnosed(
     notations: tuple[int, ...] = (),
 ) -> Diagnosis:
     """The diagnosis of the map ``generic`` with changed points, on a device whose other registers are 0."""
-    known: dict[str, KnownReading | None] = {
-        "force": parse_known(force, "--force-reads") if force else None,
-        "extension": parse_known(extension, "--extension-reads") if extension else None,
+    panel: dict[str, PanelReading | None] = {
+        "force": parse_reading(force, "--force-reads") if force else None,
+        "extension": parse_reading(extension, "--extension-reads") if extension else None,
     }
-    measured = tuple(Measured(name, GENERIC.plausible[name], known[name]) for name in known)
+    measured = tuple(Measured(name, GENERIC.plausible[name], panel[name]) for name in panel)
     described = Described(GENERIC, {**POINTS, **changed}, measured, notations)
-    return diagnose(described, {place: [registers.get(place, 0)] * 3 for place in described.wanted()})
+    return diagnose(described, {place: [registers.get(place, 0)] * 3 for place in described.needed()})
 
 
 def order_of(diagnosis: Diagnosis) -> tuple[Verdict, str, str]:
@@ -151,15 +151,15 @@ def test_zeros_say_nothing() -> None:
 @pytest.mark.parametrize("text", ["", "about 3", "nan", "1,5"])
 def test_a_reading_is_a_decimal_number(text: str) -> None:
     with pytest.raises(BadConfig, match="give the digits of the device's panel"):
-        parse_known(text, "--force-reads")
+        parse_reading(text, "--force-reads")
 
 
 def test_every_exception_has_one_advice() -> None:
     texts = [exception_advice(code, "force") for code in (1, 2, 3, 4, 5, 6, 7, 8, 10, 11)]
     assert len(set(texts)) == len(texts)
     refused: dict[str, int] = {"force": 11, "motion": 11}
-    asked = {"force": "input register 0", "motion": "input register 4"}
-    (one,) = refusal_findings("device", refused, asked)
+    requests = {"force": "input register 0", "motion": "input register 4"}
+    (one,) = refusal_findings("device", refused, requests)
     assert one.what == "force, motion"
     assert "did not answer (exception 11)" in one.observation
     assert "serial side of the gateway" in one.advice

@@ -28,7 +28,7 @@ def describe_answer(host: str, port: int, unit: int, block: Block, timeout_s: fl
         timeout_s: time-out of the driver, s; the wait is longer.
 
     Returns:
-        A sentence with the remedy, or None if nothing is received.
+        The difference with its remedy, or None if nothing is received.
     """
     request = read_request(block)
     begin_s = time.monotonic()
@@ -49,8 +49,8 @@ def describe_answer(host: str, port: int, unit: int, block: Block, timeout_s: fl
 def _receive(sock: socket.socket, until_s: float) -> tuple[bytes, bool]:
     """All bytes of one reply, and whether the device closed the connection; stops at the length in the header."""
     received = b""
-    while (left_s := until_s - time.monotonic()) > 0:
-        sock.settimeout(left_s)
+    while (remaining_s := until_s - time.monotonic()) > 0:
+        sock.settimeout(remaining_s)
         try:
             data = sock.recv(512)
         except TimeoutError:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from semlive_drivers.modbus.checking.evidence import Samples, bits_of, jump_bits, noise_of, value_of
 from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint, WordOrder
-from semlive_drivers.panel_reading import KnownReading
+from semlive_drivers.panel_reading import PanelReading
 
 _SWAPPED = {Kind.INPUT: Kind.HOLDING, Kind.HOLDING: Kind.INPUT}
 _NEAR = (0, 1, -1, 2, -2)
@@ -26,12 +26,12 @@ class Measured:
     Attributes:
         name: name of its point.
         plausible: range of a value at rest in the unit of the point; None if the description states none.
-        known: reading of the device's panel in the unit of the point; None without one.
+        panel: reading of the device's panel in the unit of the point; None without one.
     """
 
     name: str
     plausible: tuple[float, float] | None = None
-    known: KnownReading | None = None
+    panel: PanelReading | None = None
 
     @property
     def largest(self) -> float:
@@ -94,8 +94,8 @@ def choice_of(
     if bits is None:
         return None
     bits += jump_bits(point, samples, points, measured.largest)
-    if measured.known is not None:
-        return _scaled(measured.known, described, point, value, bits, noise_of(point, samples, points), format_differs)
+    if measured.panel is not None:
+        return _scaled(measured.panel, described, point, value, bits, noise_of(point, samples, points), format_differs)
     scale_open = format_differs and not point.dtype.is_float
     if measured.plausible is not None and not scale_open and not measured.plausible[0] <= value <= measured.plausible[1]:
         return None
@@ -103,30 +103,30 @@ def choice_of(
 
 
 def _scaled(
-    known: KnownReading, described: RegisterPoint, point: RegisterPoint, value: float, bits: float, noise: float, format_differs: bool
+    panel: PanelReading, described: RegisterPoint, point: RegisterPoint, value: float, bits: float, noise: float, format_differs: bool
 ) -> Choice | None:
     """The choice with the simplest scale under which the value is the known reading."""
     raw = value - point.offset
-    for cost, scale in sorted(_scales(described, point, raw, known.value - point.offset, format_differs)):
+    for cost, scale in sorted(_scales(described, point, raw, panel.value - point.offset, format_differs)):
         scaled = raw * scale / point.scale + point.offset
-        tolerance = known.tolerance + 2 * noise * abs(scale / point.scale)
+        tolerance = panel.tolerance + 2 * noise * abs(scale / point.scale)
         if not point.dtype.is_float:
             tolerance += 0.5 * abs(scale)
-        if abs(scaled - known.value) <= tolerance and cost <= _LARGEST_BITS_OF_SCALE:
-            # The registers are those of the known reading, within its tolerance: only what that leaves open must be described.
-            spread = abs(known.value) / tolerance if known.value else 1.0
+        if abs(scaled - panel.value) <= tolerance and cost <= _LARGEST_BITS_OF_SCALE:
+            # The registers are those of the panel's reading, within its tolerance: only what remains open must be described.
+            spread = abs(panel.value) / tolerance if panel.value else 1.0
             return Choice(replace(point, scale=scale), scaled, max(2.0, bits - math.log2(1.0 + spread)) + cost)
     return None
 
 
 def _scales(
-    described: RegisterPoint, point: RegisterPoint, raw: float, known: float, format_differs: bool
+    described: RegisterPoint, point: RegisterPoint, raw: float, panel: float, format_differs: bool
 ) -> Iterator[tuple[float, float]]:
     """Scales that may turn a raw value (at the scale of the point) into the known one, each with its bits."""
     yield 1.5 if format_differs else 0.0, point.scale
-    if not raw or not known:
+    if not raw or not panel:
         return
-    needed = known / raw * point.scale
+    needed = panel / raw * point.scale
     sign = 0.0 if needed * described.scale > 0 else 3.0
     for base in dict.fromkeys((abs(described.scale), 1.0)):
         exponent = round(math.log10(abs(needed) / base))
@@ -159,7 +159,7 @@ def addresses_around(point: RegisterPoint, shifts: tuple[int, ...]) -> dict[Kind
 
     Args:
         point: the described point.
-        shifts: shifts of the address, beside 0.
+        shifts: shifts of the address, other than 0.
     """
     kinds = (point.kind, _SWAPPED[point.kind]) if point.kind in _SWAPPED else (point.kind,)
     centres = {point.address + shift for shift in (0, *shifts)}

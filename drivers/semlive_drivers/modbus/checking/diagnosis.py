@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from semlive.data.checks import Finding, Verdict
 from semlive_drivers.modbus.checking.evidence import Samples, bits_of, first_values, value_of
 from semlive_drivers.modbus.checking.explanations import Described, Explanation, as_described, distinct, explain
-from semlive_drivers.modbus.checking.wording import correction, layout, order_words, values
+from semlive_drivers.modbus.checking.wording import correction, layout, order_name, values
 from semlive_drivers.modbus.registers import RegisterPoint
 
 ORDER = "order of words"
@@ -40,14 +40,15 @@ def diagnose(described: Described, samples: Samples, shipped: Mapping[str, Regis
     Args:
         described: the description, with the known readings.
         samples: registers that were read, at least three times.
-        shipped: points of the maker's documents, if the description is one of a make that comes with semlive: where they fit, they are right.
+        shipped: points of the maker's documents, if the description is one of a make that comes with semlive; if they fit, they
+            are right.
     """
     units = _units(described)
     explanations = list(distinct(described, explain(described, samples), samples))
     contradicted: list[Finding] = []
-    if not explanations and any(measured.known for measured in described.measured):
+    if not explanations and any(measured.panel for measured in described.measured):
         contradicted = list(_unexplained(described, units))
-        described = replace(described, measured=tuple(replace(measured, known=None) for measured in described.measured))
+        described = replace(described, measured=tuple(replace(measured, panel=None) for measured in described.measured))
         explanations = list(distinct(described, explain(described, samples), samples))
     if shipped is not None:
         explanations = [one for one in explanations if _is_of(one, shipped)] or explanations
@@ -91,7 +92,7 @@ def _verdict(described: Described, explanations: Sequence[Explanation], own: Exp
             f"do not choose by this check alone: {_how_to_decide(described, explanations)}",
         )
     if own is not None:
-        orders = dict.fromkeys(order_words(choice.point) or "one register" for choice in own.chosen.values())
+        orders = dict.fromkeys(order_name(choice.point) or "one register" for choice in own.chosen.values())
         return Finding(ORDER, f"{names}: {' and '.join(orders)} makes sense", Verdict.OK)
     (only,) = explanations
     return Finding(ORDER, f"{layout(only, described.points)} makes sense", Verdict.FAILED, _advice(described, only))
@@ -104,7 +105,7 @@ def _at_zero(described: Described, samples: Samples) -> Finding:
         if point.dtype.is_float and any(first_values(point, samples)):
             value = value_of(point, samples, described.points)
             if value is not None and bits_of(point, samples, value, abs(value)) is not None and abs(value) > _LEAST:
-                return Finding(ORDER, f"{name}: {order_words(point)} makes sense", Verdict.OK)
+                return Finding(ORDER, f"{name}: {order_name(point)} makes sense", Verdict.OK)
     return Finding(ORDER, "every number with several registers is zero", Verdict.UNKNOWN, "load the cell a little and check again")
 
 
@@ -115,7 +116,7 @@ def _advice(described: Described, only: Explanation) -> str:
         for name, point in points.items()
     )
     if same:
-        states = ", ".join(dict.fromkeys(order_words(point) for point in points.values()))
+        states = ", ".join(dict.fromkeys(order_name(point) for point in points.values()))
     else:
         states = ", ".join(f"{name} as {point.dtype} in {point.kind.entry_name} {point.address}" for name, point in points.items())
     right = correction(only, described.points)
@@ -123,9 +124,9 @@ def _advice(described: Described, only: Explanation) -> str:
 
 
 def _how_to_decide(described: Described, explanations: Sequence[Explanation]) -> str:
-    known = [measured for measured in described.measured if measured.known is not None]
+    panel = [measured for measured in described.measured if measured.panel is not None]
     ways = ["press on the cell by hand and check again: in the right explanation the value follows the hand, without jumps"]
-    if not known:
+    if not panel:
         ways.append(
             "hang a known weight on the cell, or give what the device's panel shows (--force-reads 123.456, --extension-reads 1.234)"
         )
@@ -152,18 +153,18 @@ def _proofs(described: Described, units: dict[str, str]) -> Iterator[Finding]:
         what, option = f"scale of {measured.name}", option_of(described, measured.name)
         if option is None:
             continue
-        if measured.known is None:
+        if measured.panel is None:
             advice = f"give what the device's panel shows, with all digits: {option} 123.456; or hang a known weight on the cell"
             yield Finding(what, "no reading at rest shows scale and sign", Verdict.UNKNOWN, advice)
-        elif not measured.known.proves:
-            observation = f"{measured.known.value:g} {units[measured.name]} is too small to show the scale"
+        elif not measured.panel.proves:
+            observation = f"{measured.panel.value:g} {units[measured.name]} is too small to show the scale"
             yield Finding(what, observation, Verdict.UNKNOWN, "press on the cell by hand, and give the reading with all its digits")
         else:
-            yield Finding(what, f"agrees with {measured.known.value:g} {units[measured.name]} of the panel", Verdict.OK)
+            yield Finding(what, f"agrees with {measured.panel.value:g} {units[measured.name]} of the panel", Verdict.OK)
 
 
 def _unexplained(described: Described, units: dict[str, str]) -> Iterator[Finding]:
-    texts = [f"{m.name} {m.known.value:g} {units[m.name]}" for m in described.measured if m.known is not None]
+    texts = [f"{m.name} {m.panel.value:g} {units[m.name]}" for m in described.measured if m.panel is not None]
     yield Finding(
         "known reading",
         f"{' with '.join(texts)}: no address, number format or scale near the description gives this",

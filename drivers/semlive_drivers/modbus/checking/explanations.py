@@ -1,7 +1,7 @@
 """Descriptions that explain what a device answers, the most likely one first. Pure.
 
-Each combination of an error of the whole description (`Variant`) with errors of single measured numbers (`Choice`) is weighed by the bits
-of its changes and of the registers under it, those included that it leaves unused (`evidence`).
+Each combination of an error of the complete description (`Variant`) with errors of single measured numbers (`Choice`) is weighed by the
+bits of its changes and of the registers under it, those included that it does not use (`evidence`).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Explanation:
 
     Attributes:
         chosen: the measured numbers by name.
-        variant: changes of the whole description.
+        variant: changes of the complete description.
         bits: the fewer, the more likely.
     """
 
@@ -60,7 +60,7 @@ class Described:
     measured: tuple[Measured, ...]
     notations: tuple[int, ...] = ()
 
-    def wanted(self) -> set[Register]:
+    def needed(self) -> set[Register]:
         """Registers that the search for explanations needs."""
         found: set[Register] = set()
         for measured in self.measured:
@@ -149,7 +149,7 @@ def _combined_bits(combination: Sequence[tuple[float, _Rated]], used: set[Regist
 
 
 def _others(described: Described, variant: Variant, samples: Samples) -> tuple[float, set[Register]]:
-    """Bits of the points beside the measured numbers under a variant, and their registers."""
+    """Bits of the points other than the measured numbers under a variant, and their registers."""
     changed = {name: moved for name, point in described.points.items() if (moved := variant.of(point)) is not None}
     total, used = 0.0, set[Register]()
     for name in sorted(described.read_points()):
@@ -193,11 +193,11 @@ def as_described(described: Described, explanations: Sequence[Explanation]) -> E
 
 def distinct(described: Described, explanations: Sequence[Explanation], samples: Samples) -> Iterator[Explanation]:
     """Explanations that read differently, at some time: not in the sign of long numbers, or in a table with the same registers."""
-    seen: set[tuple[RegisterPoint, ...]] = set()
+    keys: set[tuple[RegisterPoint, ...]] = set()
     for explanation in explanations:
         key = tuple(_merged(choice.point, described.points[name], samples) for name, choice in explanation.chosen.items())
-        if key not in seen:
-            seen.add(key)
+        if key not in keys:
+            keys.add(key)
             yield explanation
 
 

@@ -64,9 +64,9 @@ class Reader:
     def search(self, addresses: Iterable[Register]) -> dict[Register, int]:
         """The registers of those addresses that the device has; blocks that it refuses are divided."""
         found: dict[Register, int] = {}
-        wanted = set(addresses)
+        needed = set(addresses)
         for kind in Kind:
-            for block in _blocks(kind, sorted(address for other, address in wanted if other is kind), self._block):
+            for block in _blocks(kind, sorted(address for other, address in needed if other is kind), self._block):
                 self._search(block, found)
         return found
 
@@ -94,7 +94,7 @@ class Reader:
         found |= {(block.kind, block.address + index): value for index, value in enumerate(values)}
 
     def _read_again(self, block: Block) -> tuple[int, ...]:
-        """Read, and once more on a new connection after a lost reply."""
+        """Read, and a second time on a new connection after a lost reply."""
         if self._reopened >= _FRESH_AFTER and self.answered:
             self._renew()
         try:

@@ -40,18 +40,18 @@ def exception_advice(code: int, names: str) -> str:
     return _ADVICE.get(code, _OTHER).format(names=names)
 
 
-def refusal_findings(where: str, refused: Mapping[str, int], asked: Mapping[str, str]) -> Iterator[Finding]:
+def refusal_findings(where: str, refused: Mapping[str, int], requests: Mapping[str, str]) -> Iterator[Finding]:
     """One finding for each exception code.
 
     Args:
         where: name of the unit.
         refused: exception code by point.
-        asked: what was read, by point: ``input register 4``.
+        requests: what was read, by point: ``input register 4``.
     """
     for code in dict.fromkeys(refused.values()):
         names = [name for name, other in refused.items() if other == code]
         meaning = EXCEPTIONS.get(code, f"exception {code}")
-        observation = f"{where} refused reading {_listed([asked[name] for name in names])}: {meaning}"
+        observation = f"{where} refused reading {_listed([requests[name] for name in names])}: {meaning}"
         yield Finding(", ".join(names), observation, Verdict.FAILED, exception_advice(code, _listed(names)))
 
 

@@ -1,4 +1,4 @@
-"""Errors that concern a whole description: counting of addresses, table, order of registers and bytes. Pure."""
+"""Errors that concern a complete description: counting of addresses, table, order of registers and bytes. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Explanations in words: what differs from the description, and the values that follow. Pure."""
+"""Explanations as text: what differs from the description, and the values that follow. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from semlive_drivers.modbus.registers import Kind, RegisterPoint, WordOrder
 _FUNCTION = {Kind.INPUT: 4, Kind.HOLDING: 3, Kind.COIL: 1, Kind.DISCRETE: 2}
 
 
-def order_words(point: RegisterPoint) -> str:
+def order_name(point: RegisterPoint) -> str:
     """Order of the registers and bytes of a point: ``low word first``."""
     swapped = point.byte_order is WordOrder.LOW_FIRST
     if point.dtype.registers == 1:
@@ -33,12 +33,12 @@ def changes(choice: Choice, described: RegisterPoint) -> list[str]:
         )
     if point.dtype is not described.dtype:
         found.append(f"{point.dtype} instead of {described.dtype}")
-    if order := order_words(point):
+    if order := order_name(point):
         found.append(order)
     if point.scale != described.scale:
         found.append(f"scale {point.scale:.6g} instead of {described.scale:.6g}")
     if choice.scale_open:
-        found.append("scale not known")
+        found.append("scale not panel")
     return found
 
 
@@ -59,7 +59,7 @@ def values(explanation: Explanation, units: Mapping[str, str]) -> str:
 
 
 def correction(explanation: Explanation, points: Mapping[str, RegisterPoint]) -> str:
-    """The lines of the description that would be right: ``force: {kind: input, address: 1, dtype: f32, words: high_first}``."""
+    """The lines of the description that would be right: ``force: {kind: input, address: 1, dtype: f32}``."""
     texts = []
     for name, choice in explanation.chosen.items():
         point = choice.point
