@@ -154,11 +154,13 @@ def _proofs(described: Described, units: dict[str, str]) -> Iterator[Finding]:
         if option is None:
             continue
         if measured.panel is None:
-            advice = f"give what the device's panel shows, with all digits: {option} 123.456; or hang a known weight on the cell"
+            weight = "; or hang a known weight on the cell" if measured.name == described.device.tells.force else ""
+            advice = f"give what the device's panel shows, with all digits: {option} 123.456{weight}"
             yield Finding(what, "no reading at rest shows scale and sign", Verdict.UNKNOWN, advice)
         elif not measured.panel.proves:
             observation = f"{measured.panel.value:g} {units[measured.name]} is too small to show the scale"
-            yield Finding(what, observation, Verdict.UNKNOWN, "press on the cell by hand, and give the reading with all its digits")
+            larger = "press on the cell by hand" if measured.name == described.device.tells.force else "move the machine by its own panel"
+            yield Finding(what, observation, Verdict.UNKNOWN, f"{larger}, and give the reading with all its digits")
         else:
             yield Finding(what, f"agrees with {measured.panel.value:g} {units[measured.name]} of the panel", Verdict.OK)
 
