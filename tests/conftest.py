@@ -56,16 +56,29 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 WAITING = ("scenario/test_daemon", "scenario/test_demo", "scenario/test_bench", "fault/", "browser/", "contract/links/")
 """Tests that mostly wait for simulated machines in real time; the others compute."""
+LONG = (
+    *("scenario/test_demo_short", "unit/diagnose/test_decide", "scenario/test_daemon_stops", "scenario/diagnose/test_diagnose_unknown"),
+    *("fault/test_daemon_faults", "scenario/diagnose/test_diagnose_compare", "scenario/test_daemon_model", "unit/service/test_live_memory"),
+    *("fault/test_load_frame_campaign", "scenario/diagnose/test_diagnose_anew", "browser/test_page_watch", "unit/diagnose/test_taken_out"),
+    *("scenario/test_daemon_resume", "unit/diagnose/test_resolution", "scenario/test_daemon_warns", "scenario/test_numerical_experiment"),
+    *("scenario/test_daemon_out_of_memory", "scenario/test_daemon_operator_stage", "fault/test_every_map", "fault/test_refused_start"),
+    *("scenario/test_daemon_warm_up", "scenario/test_daemon_triggered", "scenario/test_daemon_beam_shift", "browser/test_page_bench"),
+)
+"""Files of about a minute or more, in the order in which they begin: where one of them began last, a process worked alone for minutes."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """With several processes, distribute the files that wait evenly over the run, so that waiting and computing overlap."""
+    """With several processes, begin with the long files, then distribute those that wait evenly, so that waiting and computing overlap."""
     if not hasattr(config, "workerinput"):
         return
     root = Path(__file__).parent
-    files = [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
-    ranked: list[tuple[float, list[pytest.Item]]] = []
+    files = {tests[0].path.relative_to(root).with_suffix("").as_posix(): tests for tests in _by_file(items)}
+    ranked = [(float(number - len(LONG)), files.pop(name)) for number, name in enumerate(LONG) if name in files]
     for waits in (True, False):
-        kind = [tests for tests in files if tests[0].path.relative_to(root).as_posix().startswith(WAITING) is waits]
+        kind = [tests for name, tests in files.items() if name.startswith(WAITING) is waits]
         ranked += [((number + 0.5) / len(kind), tests) for number, tests in enumerate(kind)]
     items[:] = [test for _, tests in sorted(ranked, key=lambda entry: entry[0]) for test in tests]
+
+
+def _by_file(items: list[pytest.Item]) -> list[list[pytest.Item]]:
+    return [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
