@@ -11,9 +11,9 @@ from semlive.data.settings import EstimateSettings
 from semlive.diagnose.baseline.observation import Observation, StepConditions, baseline_solution, make_observation
 from semlive_simulators.effects.interfaces import Effect
 
-
-SMOOTH = EstimateSettings(distortion_knot_px=200.0)
-"""For tests: a third of the parameters of the distortion, which is a quadratic surface and a wave as long as the frame."""
+QUICK = EstimateSettings(drift_knots_per_frame=1.0, distortion_knot_px=200.0)
+"""For tests: half of the parameters, which takes a tenth of the time. The drift is quadratic; the distortion is a quadratic surface and
+a wave as long as the frame."""
 
 
 def observed(
