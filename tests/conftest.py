@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 import tempfile
@@ -13,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from semlive.cli.app import run_app
+from semlive.cli.shared import progress_bar
 from semlive.service.runtime.blas import limit_blas_threads
 
 # How long an example takes by the wall says how busy the computer is; where it matters a test counts its own processor time.
@@ -28,7 +30,11 @@ def sums_in_one_order() -> None:
 
 @pytest.fixture
 def semlive(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    """The command line in this process, which saves two seconds of imports: exit code, standard output, standard error."""
+    """The command line in this process, which saves two seconds of imports: exit code, standard output, standard error.
+
+    A busy computer may need more than the ten seconds after which a command shows its progress on standard error; here none is shown.
+    """
+    monkeypatch.setattr(progress_bar, "_LINE_INTERVAL_S", math.inf)
 
     def call(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["semlive", *map(str, arguments)])
