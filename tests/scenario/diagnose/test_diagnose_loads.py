@@ -12,7 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.experiment import AREA_MM2, YOUNGS_GPA, Conditions, poses
-from blind.observing import observed
+from blind.observing import QUICK, observed
 from numexp.world import start_s
 
 from semlive.data.diagnosis.effects import Outcome
@@ -26,14 +26,14 @@ from semlive_simulators.effects.load_cell_drift import LoadCellDrift
 from semlive_simulators.effects.load_cell_zero import LoadCellZero
 from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
 
-GRID = Grid(101, 101, 15, 50, 40, 43)
+GRID = Grid(101, 101, 45, 17, 14, 43)  # a block is a point
 CONDITIONS = Conditions(509)
 NOTHING = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01)
 
 
 @pytest.fixture(scope="module")
 def seen() -> Observation:
-    return observed(CONDITIONS, (), GRID)
+    return observed(CONDITIONS, (), GRID, QUICK)
 
 
 def steps(effect: LoadCellDrift | LoadCellZero | None) -> list[StepConditions]:
@@ -83,7 +83,9 @@ def test_a_lift_that_is_strain_to_the_maps_is_told_by_a_gage(seen: Observation) 
     assert at_rest.where[-1].p_value > 0.01
 
     lift = OutOfPlaneTranslation.defaults("x200")
-    lifted = add_gage_evidence(NOTHING, gage_readings(load_readings(observed(CONDITIONS, (lift,), GRID), gaged(), "y"), gaged(), 0.005))
+    lifted = add_gage_evidence(
+        NOTHING, gage_readings(load_readings(observed(CONDITIONS, (lift,), GRID, QUICK), gaged(), "y"), gaged(), 0.005)
+    )
     assert (lifted.outcome, lifted.group) == (Outcome.IDENTIFIED, "G6")
     one = lifted.effects[0].parameters[0]
     assert one.value == pytest.approx(lift.lift_um_per_n / (1e3 * lift.working_distance_mm), abs=3.0 * one.sigma)
