@@ -122,7 +122,7 @@ def make_environment(venv: Path) -> None:
 def check(venv: Path, pytest_options: list[str] | None) -> int:
     """Run every check, quick checks first, and report all failures; without tests if `pytest_options` is None.
 
-    Pyright takes a minute on one processor; it runs beside the tests and is reported after them.
+    Pyright takes a minute on one processor; it runs at the same time as the tests and is reported after them.
     """
     python, scripts = str(python_of(venv)), python_of(venv).parent
     quick = {

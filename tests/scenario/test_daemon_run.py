@@ -36,6 +36,7 @@ PX, BOTH = 5, 2
 @pytest.fixture(scope="module")
 def finished(instrument: Callable[..., Any]) -> Any:
     one = instrument("whole")
+    one.wait_for_slow_answers()
     code, said = one.run()
     assert code == 0, said
     assert "Traceback" not in said

@@ -21,6 +21,7 @@ SAID = "the residual of the maps after "
 @pytest.fixture(scope="module")
 def done(instrument: Callable[..., Any]) -> Any:
     one = instrument("unsteady")
+    one.wait_for_slow_answers()
     one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0], [0, 6], [-6, 0], [0, -6]], loads_n=[600])
     code, said = one.run()
     assert code == 0, said
