@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
 from itertools import groupby
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+from semlive.cli.app import run_app
+from semlive.cli.shared import progress_bar
 from semlive.service.runtime.blas import limit_blas_threads
 
 # How long an example takes by the wall says how busy the computer is; where it matters a test counts its own processor time.
@@ -21,18 +28,63 @@ def sums_in_one_order() -> None:
     limit_blas_threads()
 
 
+@pytest.fixture
+def semlive(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """The command line in this process, which saves two seconds of imports: exit code, standard output, standard error.
+
+    A busy computer may need more than the ten seconds after which a command shows its progress on standard error; here none is shown.
+    """
+    monkeypatch.setattr(progress_bar, "_LINE_INTERVAL_S", math.inf)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["semlive", *map(str, arguments)])
+        capsys.readouterr()
+        code = run_app()
+        return code, *capsys.readouterr()
+
+    return call
+
+
+COMPILE = (
+    ("-c", "from semlive import dic; from semlive.data.settings import DicSettings; dic.warm_up(DicSettings())"),
+    ("-m", "semlive_simulators.simulate", "--scenario", "short", "--frames", "0", "--out", "."),
+)
+"""What needs the kernels of most tests: those of correlation and those of the simulators."""
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """With several processes, compile kernels before they start; all of them, and the daemons of their tests, would compile the same."""
+    if getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput"):
+        with tempfile.TemporaryDirectory() as folder:
+            for arguments in COMPILE:
+                subprocess.run([sys.executable, *arguments], cwd=folder, capture_output=True, check=True)
+
+
 WAITING = ("scenario/test_daemon", "scenario/test_demo", "scenario/test_bench", "fault/", "browser/", "contract/links/")
 """Tests that mostly wait for simulated machines in real time; the others compute."""
+LONG = (
+    *("scenario/test_demo_short", "unit/diagnose/test_decide", "scenario/test_daemon_stops", "scenario/diagnose/test_diagnose_unknown"),
+    *("fault/test_daemon_faults", "scenario/diagnose/test_diagnose_compare", "scenario/test_daemon_model", "unit/service/test_live_memory"),
+    *("fault/test_load_frame_campaign", "scenario/diagnose/test_diagnose_anew", "browser/test_page_watch", "unit/diagnose/test_taken_out"),
+    *("scenario/test_daemon_resume", "unit/diagnose/test_resolution", "scenario/test_daemon_warns", "scenario/test_numerical_experiment"),
+    *("scenario/test_daemon_out_of_memory", "scenario/test_daemon_operator_stage", "fault/test_every_map", "fault/test_refused_start"),
+    *("scenario/test_daemon_warm_up", "scenario/test_daemon_triggered", "scenario/test_daemon_beam_shift", "browser/test_page_bench"),
+)
+"""Files of about a minute or more, in the order in which they begin: where one of them began last, a process worked alone for minutes."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """With several processes, distribute the files that wait evenly over the run, so that waiting and computing overlap."""
+    """With several processes, begin with the long files, then distribute those that wait evenly, so that waiting and computing overlap."""
     if not hasattr(config, "workerinput"):
         return
     root = Path(__file__).parent
-    files = [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
-    ranked: list[tuple[float, list[pytest.Item]]] = []
+    files = {tests[0].path.relative_to(root).with_suffix("").as_posix(): tests for tests in _by_file(items)}
+    ranked = [(float(number - len(LONG)), files.pop(name)) for number, name in enumerate(LONG) if name in files]
     for waits in (True, False):
-        kind = [tests for tests in files if tests[0].path.relative_to(root).as_posix().startswith(WAITING) is waits]
+        kind = [tests for name, tests in files.items() if name.startswith(WAITING) is waits]
         ranked += [((number + 0.5) / len(kind), tests) for number, tests in enumerate(kind)]
     items[:] = [test for _, tests in sorted(ranked, key=lambda entry: entry[0]) for test in tests]
+
+
+def _by_file(items: list[pytest.Item]) -> list[list[pytest.Item]]:
+    return [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,9 @@ def first_event_of_the_page(log: Path) -> str:
             served.terminate()
 
 
-def test_a_refused_start_leaves_its_fault_and_the_name_can_be_run_again(patient: Any) -> None:
+def test_a_refused_start_leaves_its_fault_and_the_name_can_be_run_again(
+    patient: Any, semlive: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     patient.falls_ill("load frame is refused open")
     for _ in range(2):  # the second replaces the log of the first
         patient.start()
@@ -91,10 +94,9 @@ def test_a_refused_start_leaves_its_fault_and_the_name_can_be_run_again(patient:
         (fault,) = patient.logged("/fault")
         assert (fault["code"], fault["where"], fault["what"]) == ("link_lost", REFUSED_START, "open is refused")
         assert [path.name for path in segments(patient.log)] == ["run.000.mcap"]
-    report = subprocess.run(
-        [sys.executable, "-m", "semlive", "report", str(patient.log)], capture_output=True, text=True, check=False, cwd=patient.folder
-    )
-    assert "its alarms and rejected frames are in" in " ".join(report.stderr.split()), report.stderr
+    monkeypatch.chdir(patient.folder)
+    _, _, err = semlive("report", patient.log)
+    assert "its alarms and rejected frames are in" in " ".join(err.split()), err
     assert any("open is refused" in page.read_text(encoding="utf-8") for page in patient.folder.rglob("*.html"))
     assert "open is refused" in first_event_of_the_page(patient.log)
     assert "ramp_to" not in patient.calls()

@@ -98,9 +98,10 @@ def test_the_field_is_brought_back_from_where_the_drift_carried_it(finished: tup
         seen.append(drifted[-1] + frame["stage_px"] - pair["step"]["shift_px"])
     assert np.linalg.norm(drifted[-1] - drifted[0]) > 12.0
     assert np.linalg.norm(seen[-1] - seen[0]) < 0.5 * np.linalg.norm(drifted[-1] - drifted[0])
-    # What is left passed since the pair whose analysis was known when the last step began: on a busy computer it may be an earlier one.
-    moved_ns = [at_ns for at_ns, one in timed(instrument.log, "/command") if one["what"] == "move_stage"][-1]
-    known = max(one["current"] for at_ns, one in timed(instrument.log, "/dic/summary") if at_ns < moved_ns) // 2
+    # What is left passed since the pair whose place in the field was known when the last step began: on a busy computer an earlier one.
+    # The move was ordered then, and is in the log once the stage has answered; places are those of maps that refer to frame 0.
+    began_ns = [at_ns for at_ns, one in timed(instrument.log, "/state") if one["before"] == "step_done"][-1]
+    known = max(one["current"] for at_ns, one in timed(instrument.log, "/dic/summary") if one["reference"] == 0 and at_ns < began_ns) // 2
     assert np.linalg.norm(seen[-1] - seen[0]) < np.linalg.norm(drifted[-1] - drifted[min(known, len(pairs) - 3)]) + 3.0
 
 

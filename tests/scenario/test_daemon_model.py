@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import yaml
 
 from semlive.service.log.files import messages
 
+Command = Callable[..., tuple[int, str, str]]
 PAIRS = 6
 ENDS_S = 600.0
 """Wall seconds within which a run, or a part of it, ends on a busy computer; it decides nothing but when a test that hangs is given up."""
@@ -31,15 +33,10 @@ def write_model(path: Path, **run: float) -> Path:
     return path
 
 
-def semlive(*words: object) -> tuple[int, str, str]:
-    done = subprocess.run(
-        [sys.executable, "-m", "semlive", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=ENDS_S,
-        check=False,
-        stdin=subprocess.DEVNULL,
-    )
+def run_refused(*words: object) -> tuple[int, str, str]:
+    """`semlive run` in a process of its own: it changes how its process gets memory."""
+    command = [sys.executable, "-m", "semlive", "run", *map(str, words)]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=ENDS_S, check=False)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -79,7 +76,7 @@ def test_the_log_says_which_model_both_times(done: Any) -> None:
 
 @pytest.mark.timeout(3 * ENDS_S)
 @pytest.mark.parametrize("source", ["--from-disparity", "--from-images"])
-def test_a_replay_gives_what_was_said_live_without_naming_the_model(done: Any, source: str) -> None:
+def test_a_replay_gives_what_was_said_live_without_naming_the_model(done: Any, source: str, semlive: Command) -> None:
     (live,) = logged(done.log, "/result")
     assert live["pairs"] == PAIRS
     assert any(SAID in one for one in live["warnings"])
@@ -89,7 +86,7 @@ def test_a_replay_gives_what_was_said_live_without_naming_the_model(done: Any, s
 
 
 @pytest.mark.timeout(3 * ENDS_S)
-def test_maps_in_the_log_are_as_measured_so_that_another_model_can_be_asked(done: Any) -> None:
+def test_maps_in_the_log_are_as_measured_so_that_another_model_can_be_asked(done: Any, semlive: Command) -> None:
     none = done.folder / "none.json"
     none.write_text(json.dumps({"version": 1, "effects": []}), encoding="utf-8")
     told = []
@@ -103,7 +100,7 @@ def test_maps_in_the_log_are_as_measured_so_that_another_model_can_be_asked(done
 
 
 @pytest.mark.timeout(3 * ENDS_S)
-def test_diagnosis_begins_with_the_model_of_the_run(done: Any) -> None:
+def test_diagnosis_begins_with_the_model_of_the_run(done: Any, semlive: Command) -> None:
     code, out, err = semlive("diagnose", done.log, "--json", "-o", done.folder / "child.json")
     assert code == 0, err
     child = json.loads((done.folder / "child.json").read_text(encoding="utf-8"))
@@ -113,7 +110,7 @@ def test_diagnosis_begins_with_the_model_of_the_run(done: Any) -> None:
 
 
 @pytest.mark.timeout(3 * ENDS_S)
-def test_plan_names_the_model_and_refuses_one_that_does_not_fit(done: Any) -> None:
+def test_plan_names_the_model_and_refuses_one_that_does_not_fit(done: Any, semlive: Command) -> None:
     config = done.write_config()
     timed = done.folder / "timed.yaml"
     timed.write_text(yaml.safe_dump({**done.config, "sem": {**done.config["sem"], "profile": {"frame_time_s": 9.4}}}), encoding="utf-8")
@@ -138,5 +135,6 @@ def test_plan_names_the_model_and_refuses_one_that_does_not_fit(done: Any) -> No
         (("diagnose", done.log), wide, "frames of 640 x 276 px"),
         (("run", config, "--resume", "--no-page"), wide, "model."),  # not the one that the run began with
     ):
-        code, _, err = semlive(*command, "--model", model)
+        refused = run_refused if command[0] == "run" else partial(semlive, command[0])
+        code, _, err = refused(*command[1:], "--model", model)
         assert (code, words in err.splitlines()[-1]) == (2, True), (command, err)

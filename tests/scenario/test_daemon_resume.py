@@ -193,17 +193,18 @@ def told(message: LogMessage) -> tuple[str, int, bytes]:
     return message.topic, message.publish_time_ns, payload
 
 
-def test_live_results_are_byte_for_byte_those_of_the_whole_folder_without_a_break(resumed: Any) -> None:
+def test_live_results_are_byte_for_byte_those_of_the_whole_folder_without_a_break(
+    resumed: Any, semlive: Callable[..., tuple[int, str, str]]
+) -> None:
     live = [one for one in messages(resumed.log) if is_output(one)]
     again = analysed_again(resumed.log)
     assert READY_TEXT in live[0].payload.decode()
     assert [told(one)[0::2] for one in live] == [told(one)[0::2] for one in again]
-    out = subprocess.run(
-        [sys.executable, "-m", "semlive", "replay", str(resumed.log), "--json"], capture_output=True, text=True, timeout=ENDS_S, check=True
-    )
+    code, out, err = semlive("replay", resumed.log, "--json")
+    assert code == 0, err
     results = logged(resumed.log, "/result")
     result = results[-1]
-    assert all(one == json.loads(out.stdout) for one in results)
+    assert all(one == json.loads(out) for one in results)
     assert result["pairs"] == PAIRS
 
 

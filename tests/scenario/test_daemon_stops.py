@@ -81,6 +81,8 @@ def look(frame, event, _):
         sys.setprofile(None)
         signal.raise_signal(signal.SIGINT)
 
+import semlive.cli.during_run.run  # first: what is imported under the eyes of `look` takes three times as long
+
 from semlive.cli.main import main
 
 sys.argv = ["semlive", "run", config, "--no-page"]

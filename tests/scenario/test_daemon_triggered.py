@@ -25,6 +25,8 @@ experiment:
   dic: {subset_px: 31, step_px: 8, roi_px: null}
   estimate: {accept_poor_calibration: true}
 """
+RATE = "20"
+"""What the computer takes to answer counts this many times in the experiment's time: half of the rate that the demo would choose."""
 PAIRS = 3
 MODES = ("continuous", "triggered")
 
@@ -55,7 +57,7 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ran]:
     root = tmp_path_factory.mktemp("modes")
     scenario = root / "small.yaml"
     scenario.write_text(SCENARIO, encoding="utf-8")
-    command = [sys.executable, "-m", "semlive", "demo", "--scenario", str(scenario), "--out"]
+    command = [sys.executable, "-m", "semlive", "demo", "--scenario", str(scenario), "--rate", RATE, "--out"]
     options = {"continuous": [], "triggered": ["--triggered"]}
     started = {
         mode: subprocess.Popen([*command, str(root / mode), *options[mode]], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -23,6 +21,7 @@ SAID = "the residual of the maps after "
 @pytest.fixture(scope="module")
 def done(instrument: Callable[..., Any]) -> Any:
     one = instrument("unsteady")
+    one.wait_for_slow_answers()
     one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0], [0, 6], [-6, 0], [0, -6]], loads_n=[600])
     code, said = one.run()
     assert code == 0, said
@@ -43,11 +42,10 @@ def test_what_is_missing_is_said_once_and_what_to_ask(done: Any) -> None:
 
 
 @pytest.mark.timeout(500)
-def test_a_replay_says_the_same_and_so_does_the_report(done: Any) -> None:
+def test_a_replay_says_the_same_and_so_does_the_report(done: Any, semlive: Callable[..., tuple[int, str, str]]) -> None:
     page = done.folder / "report.html"
     for words in (("replay", done.log, "--from-disparity"), ("report", done.log, "-o", page)):
-        command = [sys.executable, "-m", "semlive", *map(str, words)]
-        again = subprocess.run(command, capture_output=True, text=True, timeout=250, check=False)
-        assert again.returncode == 0, again.stderr
-        assert words[0] == "report" or "live and replayed results are identical" in again.stdout
+        code, out, err = semlive(*words)
+        assert code == 0, err
+        assert words[0] == "report" or "live and replayed results are identical" in out
     assert f"<li>WARNING: {SAID}{PAIRS} pairs" in page.read_text(encoding="utf-8")

@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -89,16 +90,18 @@ def test_others_read_its_log_and_every_panel_of_the_layout_shows_something(demo:
 
 @pytest.mark.checkout
 @pytest.mark.parametrize(("page", "which"), [("tutorials/first-run.md", ".*"), ("how-to/first-experiment.md", ".* runs/al2024-01.*")])
-def test_what_a_page_does_with_a_run_can_be_done(page: str, which: str, demo: Demo, tmp_path: Path) -> None:
+def test_what_a_page_does_with_a_run_can_be_done(
+    page: str, which: str, demo: Demo, tmp_path: Path, semlive: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / "first").symlink_to(demo.folder)
     (tmp_path / "runs" / "al2024-01").symlink_to(demo.folder / "log" / "demo")
     lines = re.findall(rf"^ {{4}}semlive ({which})$", (PAGES / page).read_text(encoding="utf-8"), re.MULTILINE)
     assert len(lines) >= 2
     for line in lines:
-        command = [sys.executable, "-m", "semlive", *line.split()]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=200, check=False)
-        assert done.returncode == 0, f"{line}: {done.stderr}"
+        code, _, err = semlive(*line.split())
+        assert code == 0, f"{line}: {err}"
 
 
 @pytest.mark.checkout
@@ -127,11 +130,8 @@ def scored(demo: Demo) -> dict[str, dict[str, Any]]:
     """What ``semlive score --json`` prints."""
     log, truth = demo.folder / "log" / "demo", demo.folder / "instrument" / "truth.json"
     figures = demo.folder / "figures"
-    done = subprocess.run(
-        [sys.executable, "-m", "semlive", "score", str(log), "--truth", str(truth), "--json", "--figures", str(figures)],
-        capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    done = CliRunner().invoke(app, ["score", str(log), "--truth", str(truth), "--json", "--figures", str(figures)])
+    assert done.exit_code == 0, f"{done.output} {done.exception}"
     assert len(list(figures.glob("score-*.png"))) == 4
     return json.loads(done.stdout)
 

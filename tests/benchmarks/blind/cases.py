@@ -17,6 +17,7 @@ from blind.strange import STRANGE
 from numexp.noise import NoiseKind
 
 from semlive.data.grid import Grid
+from semlive.data.settings import EstimateSettings
 from semlive.diagnose.baseline.observation import Observation
 from semlive.model.effects import EFFECT_CLASSES, EffectClass
 from semlive_simulators.effects.interfaces import Effect
@@ -134,9 +135,9 @@ class Case:
         """The effects that diagnosis knows."""
         return tuple(one for one in EFFECT_CLASSES if self.kind != LEFT_OUT or one.name not in self.names)
 
-    def observed(self, grid: Grid = GRID) -> Observation:
+    def observed(self, grid: Grid = GRID, settings: EstimateSettings | None = None) -> Observation:
         """The data."""
-        return observed(self.conditions(), self.effects(), grid)
+        return observed(self.conditions(), self.effects(), grid, settings)
 
 
 @cache  # a size is found by two simulations of the whole experiment

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,12 +13,10 @@ from numexp.asfolder import write_folder
 from numexp.cases import CASES
 from numexp.experiment import Experiment, make_experiment
 
-from semlive.cli.app import run_app
 from semlive.data.grid import Grid
 from semlive.data.settings import SpecimenSettings
 from semlive.service.replay.import_maps import ImportRequest, import_folder
 
-Said = tuple[int, str, str]
 GRID = Grid(101, 101, 25, 30, 24, 0)
 AREA_MM2 = 1.0
 
@@ -51,16 +48,3 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_folder(make_experiment(CASES["smooth"], 5, Grid(101, 101, 50, 15, 12, 0), calibration_pairs=4), folder)
     import_folder(ImportRequest(folder, folder.with_name("short.mcap")))
     return folder.with_name("short.mcap")
-
-
-@pytest.fixture
-def semlive(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
-    """The command line in this process: exit code, standard output, standard error."""
-
-    def call(*arguments: str) -> Said:
-        monkeypatch.setattr(sys, "argv", ["semlive", *arguments])
-        capsys.readouterr()
-        code = run_app()
-        return code, *capsys.readouterr()
-
-    return call

@@ -13,9 +13,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.cases import ONE, TWO, Case
+from blind.observing import QUICK
 
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.diagnosis.verdict import Diagnosis
+from semlive.data.grid import Grid
 from semlive.diagnose.baseline.design_matrix import DesignMatrix
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.baseline.observation import Observation
@@ -24,6 +26,7 @@ from semlive.diagnose.maps.verdict import diagnose
 from semlive.model.effects import EffectClass
 
 DRAWS = 99
+FEW = Grid(101, 101, 45, 17, 14, 43)  # a block is a point
 
 
 def few(*names: str) -> tuple[EffectClass, ...]:
@@ -37,7 +40,7 @@ def names_of(found: Diagnosis) -> set[str]:
 
 @pytest.fixture(scope="module")
 def tilted() -> Observation:
-    return Case(ONE, ("tilt_with_load",), 16.0, 80_001).observed()
+    return Case(ONE, ("tilt_with_load",), 16.0, 80_001).observed(FEW, QUICK)
 
 
 def test_a_large_tilt_does_not_make_the_drift_carry_the_distortion(tilted: Observation) -> None:
@@ -50,14 +53,14 @@ def test_a_large_tilt_does_not_make_the_drift_carry_the_distortion(tilted: Obser
 
 
 def test_where_nothing_is_hidden_the_choice_stands() -> None:
-    observed = Case(ONE, ("tilt_with_load",), 0.01, 80_001).observed()
+    observed = Case(ONE, ("tilt_with_load",), 0.01, 80_001).observed(FEW, QUICK)
 
     assert choose_coupling(observed, few("tilt_with_load")).observation is observed
     assert not observed.state.distortion.carried
 
 
 def test_a_distortion_that_drifts_is_made_of_what_it_is_without_the_drift() -> None:
-    observed = Case(ONE, ("distortion_scale_drift",), 16.0, 80_004).observed()
+    observed = Case(ONE, ("distortion_scale_drift",), 16.0, 80_004).observed(FEW, QUICK)
     found = diagnose(observed, dictionary=few("distortion_scale_drift", "inhomogeneous_strain"), draws=DRAWS)
 
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"distortion_scale_drift"})
@@ -65,7 +68,7 @@ def test_a_distortion_that_drifts_is_made_of_what_it_is_without_the_drift() -> N
 
 def test_a_jump_next_to_a_distortion_that_drifts_leaves_no_third_name() -> None:
     both = ("drift_jump", "distortion_scale_drift")
-    found = diagnose(Case(TWO, both, 8.0, 83_028).observed(), dictionary=few(*both, "charging_frame_ramp"), draws=DRAWS)
+    found = diagnose(Case(TWO, both, 8.0, 83_028).observed(FEW, QUICK), dictionary=few(*both, "charging_frame_ramp"), draws=DRAWS)
 
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, set(both))
 

@@ -12,14 +12,15 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.experiment import Conditions
 from blind.hiding import hidden_effect
-from blind.observing import observed
+from blind.observing import QUICK, observed
 
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.simulation_comparison import compare_with_simulations
 from semlive.errors import BadInput
 
-GRID = Grid(101, 101, 15, 50, 40, 43)
+GRID = Grid(101, 101, 45, 17, 14, 43)  # a block is a point
+FINE = Grid(101, 101, 15, 50, 40, 43)  # a block is the mean of nine
 MEASURED, SIMULATED = Conditions(511, calibration=6, tension=5), Conditions(512, calibration=6, tension=5, noise_px=0.015)
 """Other drift, distortion, noise and places of the stage."""
 TILT = hidden_effect("tilt_with_load", 0.3, 1)
@@ -27,29 +28,29 @@ TILT = hidden_effect("tilt_with_load", 0.3, 1)
 
 @pytest.fixture(scope="module")
 def without() -> Observation:
-    return observed(SIMULATED, (), GRID)
+    return observed(SIMULATED, (), GRID, QUICK)
 
 
 @pytest.fixture(scope="module")
 def tilted() -> Observation:
-    return observed(SIMULATED, TILT, GRID)
+    return observed(SIMULATED, TILT, GRID, QUICK)
 
 
 def test_with_the_effect_that_was_found_the_maps_are_alike(without: Observation, tilted: Observation) -> None:
-    measured = observed(MEASURED, TILT, GRID)
+    measured = observed(MEASURED, TILT, GRID, QUICK)
     found = compare_with_simulations(measured, without, tilted)
     assert found.maps.closure == pytest.approx(1.0, abs=0.15)
     assert found.maps.interval[0] > 0.6
     assert found.maps.after_px == pytest.approx(found.maps.floor_px, rel=0.1)
     assert found.sizes.ratio == pytest.approx(1.0, abs=0.35)
     assert found.confirmed
-    other = compare_with_simulations(measured, without, observed(SIMULATED, hidden_effect("bending_misalignment", 0.3, 1), GRID))
+    other = compare_with_simulations(measured, without, observed(SIMULATED, hidden_effect("bending_misalignment", 0.3, 1), GRID, QUICK))
     assert not other.maps.is_reduced
 
 
 def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observation) -> None:
     measured, with_effects = (
-        observed(conditions, hidden_effect("magnification_frame_instability", 0.1, seed), GRID)
+        observed(conditions, hidden_effect("magnification_frame_instability", 0.1, seed), GRID, QUICK)
         for seed, conditions in ((1, MEASURED), (2, SIMULATED))
     )
     found = compare_with_simulations(measured, without, with_effects)
@@ -58,9 +59,10 @@ def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observatio
     assert found.confirmed
 
 
-def test_what_the_estimate_takes_for_the_raster_is_compared_too(without: Observation) -> None:
+def test_what_the_estimate_takes_for_the_raster_is_compared_too() -> None:
     stretched = hidden_effect("magnification_drift", 0.4, 1)
-    measured, with_effects = (observed(conditions, stretched, GRID) for conditions in (MEASURED, SIMULATED))
+    measured, with_effects = (observed(conditions, stretched, FINE, QUICK) for conditions in (MEASURED, SIMULATED))
+    without = observed(SIMULATED, (), FINE, QUICK)
     assert [item.included for item in measured.solution.terms if item.name == "magnification"] == [True]
 
     found = compare_with_simulations(measured, without, with_effects)
@@ -70,12 +72,12 @@ def test_what_the_estimate_takes_for_the_raster_is_compared_too(without: Observa
 
 
 def test_where_nothing_is_missing_nothing_shrinks(without: Observation, tilted: Observation) -> None:
-    found = compare_with_simulations(observed(MEASURED, (), GRID), without, tilted)
+    found = compare_with_simulations(observed(MEASURED, (), GRID, QUICK), without, tilted)
     assert found.maps.before_px == pytest.approx(found.maps.floor_px, rel=0.1)
     assert not found.confirmed
 
 
 def test_runs_of_other_frames_are_refused(without: Observation) -> None:
-    fewer = observed(replace(SIMULATED, tension=3), (), GRID)
+    fewer = observed(replace(SIMULATED, tension=3), (), GRID, QUICK)
     with pytest.raises(BadInput, match=r"frame by frame: 22 frames .* 18 frames"):
         compare_with_simulations(without, fewer, without)

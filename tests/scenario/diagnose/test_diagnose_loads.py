@@ -12,7 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.experiment import AREA_MM2, YOUNGS_GPA, Conditions, poses
-from blind.observing import observed
+from blind.observing import QUICK, observed
 from numexp.world import start_s
 
 from semlive.data.diagnosis.effects import Outcome
@@ -25,14 +25,14 @@ from semlive.diagnose.scalars.strain_gage import add_gage_evidence, gage_reading
 from semlive_simulators.effects.deformation import OutOfPlaneTranslation
 from semlive_simulators.effects.load_cell import LoadCellDrift, LoadCellZero
 
-GRID = Grid(101, 101, 15, 50, 40, 43)
+GRID = Grid(101, 101, 45, 17, 14, 43)  # a block is a point
 CONDITIONS = Conditions(509)
 NOTHING = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01)
 
 
 @pytest.fixture(scope="module")
 def seen() -> Observation:
-    return observed(CONDITIONS, (), GRID)
+    return observed(CONDITIONS, (), GRID, QUICK)
 
 
 def steps(effect: LoadCellDrift | LoadCellZero | None) -> list[StepConditions]:
@@ -82,7 +82,9 @@ def test_a_lift_that_is_strain_to_the_maps_is_told_by_a_gage(seen: Observation) 
     assert at_rest.where[-1].p_value > 0.01
 
     lift = OutOfPlaneTranslation.defaults("x200")
-    lifted = add_gage_evidence(NOTHING, gage_readings(load_readings(observed(CONDITIONS, (lift,), GRID), gaged(), "y"), gaged(), 0.005))
+    lifted = add_gage_evidence(
+        NOTHING, gage_readings(load_readings(observed(CONDITIONS, (lift,), GRID, QUICK), gaged(), "y"), gaged(), 0.005)
+    )
     assert (lifted.outcome, lifted.group) == (Outcome.IDENTIFIED, "G6")
     item = lifted.effects[0].parameters[0]
     assert item.value == pytest.approx(lift.lift_um_per_n / (1e3 * lift.working_distance_mm), abs=3.0 * item.sigma)

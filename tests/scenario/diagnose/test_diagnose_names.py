@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
-from blind.observing import observed
+from blind.observing import QUICK, observed
 
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.grid import Grid
@@ -21,7 +21,7 @@ from semlive.diagnose.maps.verdict import diagnose
 from semlive.model.effects import EFFECT_CLASSES
 from semlive_simulators.effects.interfaces import Effect, PixelVisits, Plane
 
-GRID = Grid(101, 101, 15, 50, 40, 43)
+GRID = Grid(101, 101, 45, 17, 14, 43)  # a block is a point
 DRAWS = 99
 # A seventh of the laws: with all of them a verdict takes twice as long.
 FEW = tuple(
@@ -45,7 +45,7 @@ class MovingWave(Effect):
 
 
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
-    found = diagnose(observed(Conditions(501), (), GRID), dictionary=FEW, draws=DRAWS)
+    found = diagnose(observed(Conditions(501), (), GRID, QUICK), dictionary=FEW, draws=DRAWS)
 
     assert found.outcome is Outcome.NONE
     assert found.effects == ()
@@ -54,7 +54,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
 
 @pytest.mark.parametrize("name", ["magnification_drift", "tilt_with_load"])
 def test_a_hidden_effect_is_named_and_closes_the_gap(name: str) -> None:
-    found = diagnose(observed(Conditions(502), hidden_effect(name, 8.0 * PROTOTYPE_PX[name], 1), GRID), dictionary=FEW, draws=DRAWS)
+    found = diagnose(observed(Conditions(502), hidden_effect(name, 8.0 * PROTOTYPE_PX[name], 1), GRID, QUICK), dictionary=FEW, draws=DRAWS)
 
     assert found.outcome is Outcome.IDENTIFIED
     assert [one.name for one in found.effects] == [name]
@@ -64,6 +64,6 @@ def test_a_hidden_effect_is_named_and_closes_the_gap(name: str) -> None:
 
 
 def test_what_no_effect_makes_is_not_given_a_name() -> None:
-    found = diagnose(observed(Conditions(503), (MovingWave(),), GRID), dictionary=FEW, draws=DRAWS)
+    found = diagnose(observed(Conditions(503), (MovingWave(),), GRID, QUICK), dictionary=FEW, draws=DRAWS)
 
     assert found.outcome is Outcome.UNKNOWN

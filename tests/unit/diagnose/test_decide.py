@@ -12,7 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.experiment import Conditions
-from blind.observing import observed
+from blind.observing import QUICK, observed
 from numexp.world import SCAN
 
 from semlive.data.diagnosis.effects import Outcome
@@ -30,7 +30,8 @@ from semlive_simulators.effects.scan_deflection import FlybackSettling, FrameSta
 from semlive_simulators.effects.scan_timing import WrongRowTime
 from semlive_simulators.microscope.scan import Scan
 
-GRID = Grid(56, 56, 15, 60, 50, 43)
+GRID = Grid(56, 56, 45, 20, 17, 43)  # a block is a point
+FINE = Grid(56, 56, 15, 60, 50, 43)
 COARSE = Grid(56, 56, 60, 15, 12, 43)
 HALF = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
 
@@ -39,7 +40,7 @@ def run(
     seed: int, effects: tuple[Effect, ...] = (), scan: Scan = SCAN, bent_like: int | None = None, grid: Grid = GRID
 ) -> HyperparameterGrid:
     return noise_scaled_baseline(
-        observed(Conditions(seed, tension=0, scan=scan, bent_like=bent_like, subset_px=grid.subset_px), effects, grid)
+        observed(Conditions(seed, tension=0, scan=scan, bent_like=bent_like, subset_px=grid.subset_px), effects, grid, QUICK)
     )
 
 
@@ -97,7 +98,7 @@ def test_runs_on_other_points_are_refused() -> None:
 
 
 def test_one_run_joined_with_nothing_is_that_run() -> None:
-    alone = run(46)
+    alone = run(46, grid=COARSE)
     best = HyperparameterGrid(alone.design, alone.whitened_residual, (alone.best,))
     joined = join_runs([alone])
     scene = alone.design.observation.geometry
@@ -111,8 +112,8 @@ def test_one_run_joined_with_nothing_is_that_run() -> None:
 
 def test_a_law_is_what_the_points_and_subsets_of_a_block_show() -> None:
     """Lost points among them: with the middles of blocks, and frame 0's for all maps, 8 % were left."""
-    conditions = Conditions(47, tension=0, subset_px=GRID.subset_px)
-    without, with_effects = (observed(conditions, effects, GRID) for effects in ((), (FrameStartSettling(0.3, -0.4, 5.0),)))
+    conditions = Conditions(47, tension=0, subset_px=FINE.subset_px)
+    without, with_effects = (observed(conditions, effects, FINE, QUICK) for effects in ((), (FrameStartSettling(0.3, -0.4, 5.0),)))
     family = next(item for item in TWO_RUN_EFFECT_CLASSES if item.name == "frame_start_settling")
     like = family.basis_field(without.geometry, {"settling_s": 5.0})
     assert like is not None

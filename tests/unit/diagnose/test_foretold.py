@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.experiment import Conditions
 from blind.hiding import hidden_effect
-from blind.observing import observed
+from blind.observing import QUICK, observed
 from numexp.world import SCAN
 from rich.console import Console
 
@@ -33,13 +33,13 @@ from semlive.diagnose.experiments.proposals import ExperimentKind, choose_propos
 from semlive.diagnose.experiments.simulated_run import simulate_baseline
 from semlive.diagnose.maps.refinement import RefinedEffect, refined
 
-GRID = Grid(101, 101, 30, 25, 20, 43)
+GRID = Grid(101, 101, 45, 17, 14, 43)
 ALIKE = ("raster_rotation_drift", "stage_yaw")
 
 
 @pytest.fixture(scope="module")
 def turning() -> Observation:
-    return observed(Conditions(7), hidden_effect(ALIKE[0], 0.08, 7), GRID)
+    return observed(Conditions(7), hidden_effect(ALIKE[0], 0.08, 7), GRID, QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_simulations_of_an_experiment_give_the_odds_that_were_predicted(
     given = []
     for seed in (21, 22, 23):
         conditions = Conditions(seed, tension=0, bent_like=7, scan=scan, noise_px=0.02 / dwell**0.5)
-        after = noise_scaled_baseline(observed(conditions, hidden_effect(ALIKE[0], 0.08, 7), GRID))
+        after = noise_scaled_baseline(observed(conditions, hidden_effect(ALIKE[0], 0.08, 7), GRID, QUICK))
         given.append(log_odds(after, [predict_effect(after, before, entry) for entry in rivals])[0, 1])
 
     assert expected[0, 1] > 5.0

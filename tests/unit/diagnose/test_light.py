@@ -12,33 +12,40 @@ from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.cases import GRID
 from blind.experiment import Conditions, hidden
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.live import followed
 
 from semlive import pipeline
 from semlive.data.diagnosis.effects import DomainTest
+from semlive.data.grid import Grid
 from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.diagnose.residual_whiteness import FALSE_ALARM_RATE, Whiteness, whiteness_test
 from semlive.service.analysis.results import new_warnings
 
+GRID = Grid(101, 101, 45, 17, 14, 43)  # a block is a point
+Said = list[tuple[pipeline.AnalysisState, pipeline.PairResult]]
 
-@pytest.fixture(autouse=True)
+
+@pytest.fixture(scope="module", autouse=True)
 def one_thread() -> Iterator[None]:
     """As in the daemon's analysis."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
 
 
-def looks(name: str, conditions: Conditions) -> list[Whiteness | None]:
-    effects = hidden_effect(name, 4.0 * PROTOTYPE_PX[name], conditions.seed) if name else ()
-    said = followed(hidden(conditions, effects, GRID), AnalysisSettings())
+def after_each(said: Said) -> list[Whiteness | None]:
     return [whiteness_test(begun.solution, begun.pairs) for begun, _ in said]
 
 
-def test_nothing_is_said_of_noise() -> None:
-    found = looks("", Conditions(31, calibration=6, tension=3))
+@pytest.fixture(scope="module")
+def noise() -> Said:
+    """A run without anything hidden, after each of nine pairs."""
+    return list(followed(hidden(Conditions(31, calibration=6, tension=3), (), GRID), AnalysisSettings()))
+
+
+def test_nothing_is_said_of_noise(noise: Said) -> None:
+    found = after_each(noise)
     assert found[:4] == [None] * 4
     assert all(one is not None and one.notes() == () for one in found[4:])
     assert min(domain.p_value for one in found[4:] if one for domain in one.where) > 0.01
@@ -46,7 +53,8 @@ def test_nothing_is_said_of_noise() -> None:
 
 @pytest.mark.parametrize(("name", "domain", "by"), [("stage_yaw", "frame", 7), ("tilt_with_load", "load", 13)])
 def test_what_is_hidden_is_seen_where_it_is(name: str, domain: str, by: int) -> None:
-    *_, last = looks(name, Conditions(7, calibration=8 if by > 8 else by, tension=max(0, by - 8)))
+    conditions = Conditions(7, calibration=8 if by > 8 else by, tension=max(0, by - 8))
+    *_, last = after_each(list(followed(hidden(conditions, hidden_effect(name, 4.0 * PROTOTYPE_PX[name], 7), GRID), AnalysisSettings())))
     assert last is not None
     loudest = last.most_significant
     assert loudest is not None
@@ -73,9 +81,8 @@ def test_the_published_method_has_no_such_look() -> None:
     assert pipeline.residual_warning(begun) == ()
 
 
-def test_values_that_allow_no_look_end_nothing() -> None:
-    pairs = hidden(Conditions(31, calibration=5, tension=0), (), GRID)
-    *_, (begun, _) = followed(pairs, AnalysisSettings())
+def test_values_that_allow_no_look_end_nothing(noise: Said) -> None:
+    begun, _ = noise[4]
     assert whiteness_test(begun.solution, begun.pairs) is not None
     assert whiteness_test(begun.solution, begun.pairs[:4]) is None
     assert np.isfinite(whiteness_test(begun.solution, begun.pairs).where[0].p_value)  # type: ignore[union-attr]

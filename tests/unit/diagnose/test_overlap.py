@@ -11,7 +11,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from blind.experiment import Conditions
-from blind.observing import observed
+from blind.observing import QUICK, observed
 
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
@@ -25,7 +25,7 @@ GRID = Grid(101, 101, 60, 12, 10, 43)
 
 @pytest.fixture(scope="module")
 def seen() -> Observation:
-    return observed(Conditions(77, calibration=5, tension=2), (), GRID)
+    return observed(Conditions(77, calibration=5, tension=2), (), GRID, QUICK)
 
 
 @pytest.fixture(scope="module")

@@ -22,11 +22,12 @@ from semlive.data.diagnosis.effects import EffectModel, ModelEffect
 from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult
-from semlive.data.settings import AnalysisSettings, SpecimenSettings
+from semlive.data.settings import AnalysisSettings, EstimateSettings, SpecimenSettings
 from semlive.pipeline import effect_correction
 from semlive_simulators.effects.charging import ChargingLocalLens
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
+STEADY = EstimateSettings(drift_knots_per_frame=1.0)  # the drift is quadratic, and fewer knots take a third of the time
 NAME = "charging_local_lens"
 PEAK_PX = 0.2
 EFFECT = (ChargingLocalLens(PEAK_PX, 80.0, 0.0, 900.0, ((560.0, 330.0),)),)
@@ -50,13 +51,13 @@ def charging() -> list[HiddenPair]:
 @pytest.fixture(scope="module")
 def bare(charging: list[HiddenPair]) -> Said:
     """Without a model."""
-    return list(followed(charging, AnalysisSettings()))
+    return list(followed(charging, AnalysisSettings(estimate=STEADY)))
 
 
 @pytest.fixture(scope="module")
 def modelled(charging: list[HiddenPair]) -> Said:
     """With one."""
-    return list(followed(charging, AnalysisSettings(model=MODEL)))
+    return list(followed(charging, AnalysisSettings(estimate=STEADY, model=MODEL)))
 
 
 def field_of(frame: FrameResult) -> np.ndarray:
@@ -83,7 +84,7 @@ def test_what_is_told_after_each_pair_is_without_the_effect(modelled: Said, bare
 
 
 def test_the_end_is_that_of_all_pairs_at_once(charging: list[HiddenPair], modelled: Said) -> None:
-    *_, begun = pipeline.follow(AnalysisSettings(model=MODEL), ((decided(pair), pair.maps) for pair in charging))
+    *_, begun = pipeline.follow(AnalysisSettings(estimate=STEADY, model=MODEL), ((decided(pair), pair.maps) for pair in charging))
     assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.apply_effect_model(begun)))
 
 
@@ -99,7 +100,7 @@ def test_no_frame_is_told_again_for_strain_that_only_changed_its_name(modelled: 
 
 
 def test_a_run_of_frames_of_another_size_goes_on_without_the_model(charging: list[HiddenPair], bare: Said) -> None:
-    settings = AnalysisSettings(model=EffectModel(MODEL.effects, size_px=(512, 442)))
+    settings = AnalysisSettings(estimate=STEADY, model=EffectModel(MODEL.effects, size_px=(512, 442)))
     *_, begun = pipeline.follow(settings, ((decided(pair), pair.maps) for pair in charging))
     begun = pipeline.apply_effect_model(begun)
     (note,) = begun.model_correction.notes
@@ -112,7 +113,7 @@ def test_what_the_load_cell_does_by_itself_is_taken_off_the_loads() -> None:
     specimen = SpecimenSettings(area_mm2=AREA_MM2)
     moduli = {}
     for name, effects in (("as read", ()), ("without drift", (ModelEffect("load_cell_drift", (), 10.0),))):
-        settings = AnalysisSettings(specimen=specimen, model=EffectModel(effects))
+        settings = AnalysisSettings(specimen=specimen, estimate=STEADY, model=EffectModel(effects))
         *_, begun = pipeline.follow(settings, ((drifting(decided(pair), 0.02), pair.maps) for pair in pairs))
         result = pipeline.finalise(pipeline.apply_effect_model(begun))
         assert result.elastic is not None

@@ -26,7 +26,7 @@ from semlive.service.storage.map_store import MapStore, offload_pair
 from semlive.service.storage.pair_archive import PairArchive
 
 GRID = Grid(40, 40, 10, 40, 30, 43)
-EVERY, LAST = 49, 61  # between two choices
+EVERY, LAST = 50, 62  # between two choices
 
 
 def timing() -> ScanTiming:
@@ -74,9 +74,39 @@ def held_bytes() -> int:
     return tracemalloc.get_traced_memory()[0]
 
 
-def grown_bytes(keep: Storage) -> float:
+Kept = tuple[pipeline.AnalysisState, Storage]
+
+
+@pytest.fixture(scope="module")
+def live() -> Kept:
+    """A live run beyond 32 pairs, from where on pairs are eliminated one by one, with a choice at 48, and where it is kept."""
+    keep = PairArchive()
+    return followed(None, range(EVERY), keep), keep
+
+
+@pytest.fixture(scope="module")
+def replayed() -> Kept:
+    """The same of a replay."""
+    keep = MapStore(in_memory_bytes=0)
+    return followed(None, range(EVERY), keep), keep
+
+
+def test_a_run_kept_beside_memory_is_the_same_to_the_last_bit(live: Kept, replayed: Kept) -> None:
+    plain = followed(None, range(EVERY), IN_MEMORY)
+    for one, _ in (live, replayed):
+        np.testing.assert_array_equal(one.solution.mean, plain.solution.mean)
+        assert (one.solution.hyper, one.solution.terms) == (plain.solution.hyper, plain.solution.terms)
+        assert list(one.pairs) == list(plain.pairs)
+        assert list(one.reported) == list(plain.reported)
+        assert [told.summary for told in one.reported.values()] == [told.summary for told in plain.reported.values()]
+        results = [pipeline.finalise(each) for each in (one, plain)]
+        assert results[0].summaries == results[1].summaries
+        assert results[0].estimate.motions[-1].shift_px.tolist() == results[1].estimate.motions[-1].shift_px.tolist()
+
+
+def grown_bytes(run: Kept) -> float:
     """By how much a pair makes what is held in memory grow, between two choices."""
-    begun = followed(None, range(EVERY), keep)
+    begun, keep = run
     tracemalloc.start()
     try:
         begun = followed(begun, range(EVERY, EVERY + 2), keep)  # what is made once
@@ -88,29 +118,14 @@ def grown_bytes(keep: Storage) -> float:
     return (after - before) / (LAST - EVERY - 2)
 
 
-def test_a_pair_of_a_replay_takes_little_memory() -> None:
+def test_a_pair_of_a_replay_takes_little_memory(replayed: Kept) -> None:
     """Its maps and columns, 0.5 MB here, lay in files and in memory as well, where the solution held them."""
-    assert grown_bytes(MapStore(in_memory_bytes=0)) < 40_000
+    assert grown_bytes(replayed) < 40_000
 
 
-def test_a_pair_of_a_live_run_takes_next_to_none() -> None:
+def test_a_pair_of_a_live_run_takes_next_to_none(live: Kept) -> None:
     """Some 0.6 kB a pair, and what NumPy holds ready once, which within ten pairs looks like 3 kB a pair."""
-    assert grown_bytes(PairArchive()) < 6_000
-
-
-def test_a_run_kept_beside_memory_is_the_same_to_the_last_bit() -> None:
-    """Beyond 32 pairs, from where on pairs are eliminated one by one, and with a choice at 48."""
-    runs = [followed(None, range(50), one) for one in (PairArchive(), MapStore(in_memory_bytes=0), IN_MEMORY)]
-    *others, plain = runs
-    for one in others:
-        np.testing.assert_array_equal(one.solution.mean, plain.solution.mean)
-        assert (one.solution.hyper, one.solution.terms) == (plain.solution.hyper, plain.solution.terms)
-        assert list(one.pairs) == list(plain.pairs)
-        assert list(one.reported) == list(plain.reported)
-        assert [told.summary for told in one.reported.values()] == [told.summary for told in plain.reported.values()]
-        results = [pipeline.finalise(each) for each in (one, plain)]
-        assert results[0].summaries == results[1].summaries
-        assert results[0].estimate.motions[-1].shift_px.tolist() == results[1].estimate.motions[-1].shift_px.tolist()
+    assert grown_bytes(live) < 6_000
 
 
 def test_stored_columns_are_what_was_stored() -> None:
