@@ -16,15 +16,15 @@ from semlive.data.settings import DicSettings
 from semlive.dic.grid import grid_for
 from semlive.dic.initial_guess.fields import nearest_block_field, residual_affine_field, smooth_field
 from semlive.dic.initial_guess.search import match
-from semlive.dic.method_choice import measure_globally, too_few_measured
+from semlive.dic.method_choice import choose_map, measure_globally
 from semlive.dic.outlier_rejection import PointMeasurements, rejection_status
-from semlive.dic.reference import Reference, prepare
+from semlive.dic.reference import Reference, prepare, texture_length
 from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distance
-from semlive.dic.second_estimate import SecondEstimates, confirm, is_doubtful, second_estimates
+from semlive.dic.second_estimate import SecondEstimates, confirm, second_estimates
 from semlive.dic.uncertainty import noise_variance
 from semlive.errors import BadInput
 from semlive.kernels import images, interface
-from semlive.kernels.fourth_order import QUARTIC
+from semlive.kernels.fourth_order_matrix import QUARTIC
 from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
 from semlive.kernels.local_planes import fit_local_planes
 from semlive.kernels.shot_noise import gradient_grey_sums
@@ -86,14 +86,14 @@ def correlate(
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
     measurements = point_measurements(reference, solutions, settings)
     to_map = partial(to_disparity_map, measurements, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
-    disparity = to_map()
-    if settings.method == "auto" and too_few_measured(disparity):
-        other = by_global_method()
-        if np.count_nonzero(other.valid) > np.count_nonzero(disparity.valid):
-            return other
-    if is_doubtful(measurements, disparity.status, reference.noise_grey):
-        return to_map(second=second_estimates(reference, current, solutions, settings))
-    return disparity
+    return choose_map(
+        to_map(),
+        measurements,
+        reference.noise_grey,
+        settings,
+        lambda: to_map(second=second_estimates(reference, current, solutions, settings)),
+        by_global_method,
+    )
 
 
 def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:
@@ -131,6 +131,7 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
         contrast=(sums.norm**2 / np.maximum(sums.pixels, 1.0)).astype(np.float32),
         status=solutions.status,
         iterations=solutions.iterations,
+        length=texture_length(reference).astype(np.float32),
     )
 
 

@@ -24,10 +24,9 @@ from semlive.dic.bands.retries import retry
 from semlive.dic.bands.second_estimate import banded_second_estimates
 from semlive.dic.correlate import MAX_PASSES, ORDER, first_attempts, point_measurements, refine_fourth_order, to_disparity_map
 from semlive.dic.initial_guess.fields import residual_affine_field, smooth_field
-from semlive.dic.method_choice import too_few_measured
+from semlive.dic.method_choice import choose_map
 from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import FrameStatistics
-from semlive.dic.second_estimate import is_doubtful
 from semlive.errors import BadInput
 from semlive.kernels import images, interface
 
@@ -90,15 +89,16 @@ def correlate_tiled(
         return measure_in_tiles(pair, grid, _unusable(pair, grid, settings), settings, **numbers)
     measured = _measurements(pair, grid, settings, statistics, band_px, band_points)
     disparity = to_disparity_map(measured, grid, settings, **numbers)
-    if settings.method == "auto" and too_few_measured(disparity):
-        other = measure_in_tiles(pair, grid, measured.status, settings, **numbers)
-        if np.count_nonzero(other.valid) > np.count_nonzero(disparity.valid):
-            return other
-    if is_doubtful(measured, disparity.status, statistics.noise_grey):
-        # both filters of each band of wavelengths need as much memory again
+
+    def confirmed() -> DisparityMap:
+        # both filters of a band need as much memory again
         second = banded_second_estimates(pair, grid, measured, statistics, settings, band_px // 2, band_points)
         return to_disparity_map(measured, grid, settings, **numbers, second=second)
-    return disparity
+
+    def by_global_method() -> DisparityMap:
+        return measure_in_tiles(pair, grid, measured.status, settings, **numbers)
+
+    return choose_map(disparity, measured, statistics.noise_grey, settings, confirmed, by_global_method)
 
 
 def _unusable(pair: ImagePair, grid: Grid, settings: DicSettings) -> NDArray[np.uint8]:
@@ -195,6 +195,7 @@ def _empty(grid: Grid) -> PointMeasurements:
         "gradient": (np.float32, 4),
         "residual": (np.float32, 0),
         "contrast": (np.float32, 0),
+        "length": (np.float32, 0),
         "status": (np.uint8, 0),
         "iterations": (np.int32, 0),
     }

@@ -22,7 +22,7 @@ from semlive.dic.correlate import FINAL, ORDER, point_measurements, refine_fourt
 from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import FrameStatistics
 from semlive.kernels import images, interface
-from semlive.kernels.fourth_order import QUARTIC
+from semlive.kernels.fourth_order_matrix import QUARTIC
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -50,7 +50,7 @@ def measurements(shape, sigma_px=0.02):
     zero = np.zeros(shape)
     return PointMeasurements(
         zero, zero, np.zeros((*shape, 4), np.float32), zero + sigma_px, zero + sigma_px, zero, zero + 0.99, zero.astype(np.float32),
-        zero.astype(np.float32), np.full(shape, PoiStatus.CONVERGED, np.uint8), np.ones(shape, np.int32),
+        zero.astype(np.float32), np.full(shape, PoiStatus.CONVERGED, np.uint8), np.ones(shape, np.int32), zero.astype(np.float32),
     )  # fmt: skip
 
 

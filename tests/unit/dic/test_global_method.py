@@ -114,6 +114,13 @@ def test_a_frame_beyond_the_limit_is_measured_in_tiles(rendered, monkeypatch):
     assert np.abs(tiled.v_px - v)[both].max() < 0.5
 
 
+def test_incremental_correlation_uses_it_where_subsets_find_too_few_points(rendered):
+    track = dic.begin(raster(1, moved=False, exposure=1), rendered.grid, SETTINGS)
+    first, _ = dic.advance(track, raster(1, moved=True, exposure=2), SETTINGS, 1)
+    assert first.method == "global"
+    np.testing.assert_array_equal(first.u_px, rendered.u_px)
+
+
 @pytest.mark.parametrize("method", ["auto", "global"])
 def test_unrelated_frames_are_refused(method):
     settings = DicSettings(subset_px=31, step_px=12, roi_px=None, method=method)
