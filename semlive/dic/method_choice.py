@@ -17,11 +17,11 @@ from semlive.dic.second_estimate import is_doubtful
 MIN_MEASURED_FRACTION = 0.5  # of the points with contrast that both frames show; below, the global method is used
 # Speckle gives more than 0.9 of them, six pairs of atomic force microscopes and SEM 0.00 to 0.44.
 MIN_MEASURED_DIFFICULT = 0.9  # the same where the texture is difficult for subsets: 0.60 to 0.80 in scenes with wrong points of subsets
-MAX_LENGTH = (
-    0.093  # of a subset: contrast over slope of the texture; speckle of 6.7 px has 0.07, grains 0.10, surfaces of probes 0.10 to 0.2
-)
+# Contrast over slope of the texture, relative to the subset: speckle of 6.7 px has 0.074 to 0.081, weak textures 0.094 and more.
+MAX_LENGTH = 0.088
 MAX_NOISE_VARIANCE = 0.33  # of the variance of the texture; noise of 20 grey levels on speckle has 0.28
 MAX_MISFIT = 0.03  # of the variance of the texture: residual beyond noise; 0.015 with curvature or saturation
+CHANGED_NOISE = 2.0  # times the noise variance of the reference: residual if the current frame has 0.6 times the contrast
 MIN_CONTRAST_FRACTION = 0.05  # of the points that both frames show; below, the texture is too weak for subsets everywhere
 MAX_AMBIGUOUS_FRACTION = 0.9  # of these points; above, the pattern repeats everywhere, and no method determines the motion
 
@@ -87,7 +87,7 @@ def is_difficult(measured: PointMeasurements, noise_grey: float) -> bool:
     variance = noise_grey**2
     texture = max(float(np.median(measured.contrast[valid])) - variance, 1e-9)
     residual, length = float(np.median(measured.residual[valid])), float(np.median(measured.length[valid]))
-    return length > MAX_LENGTH or variance > MAX_NOISE_VARIANCE * texture or residual - variance > MAX_MISFIT * texture
+    return length > MAX_LENGTH or variance > MAX_NOISE_VARIANCE * texture or residual > CHANGED_NOISE * variance + MAX_MISFIT * texture
 
 
 def measure_globally(

@@ -221,7 +221,7 @@ def texture_length(reference: Reference) -> NDArray[np.float64]:
     """
     sums, variance = reference.sums, reference.noise_grey**2
     contrast = sums.norm**2 - variance * sums.pixels
-    slope = sums.sssig - SOBEL_VARIANCE * reference.gain**2 * variance * sums.pixels
+    slope = sums.sssig / reference.gain**2 - SOBEL_VARIANCE * variance * sums.pixels
     length = np.sqrt(np.maximum(contrast, 0.0) / np.maximum(slope, 1e-9)) / (2 * sums.half_px + 1)
     return np.where(slope > 0.0, length, 0.0)
 

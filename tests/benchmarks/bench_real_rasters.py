@@ -114,8 +114,9 @@ def third_measure(first: Image, second: Image, x: float, y: float, u: float, v: 
         return None
     block = np.ascontiguousarray(first[top : top + THIRD_BLOCK_PX, left : left + THIRD_BLOCK_PX])
     start = np.array([[1.0, 0.0, left + u], [0.0, 1.0, top + v]], dtype=np.float32)
+    everywhere = np.full(block.shape, 255, dtype=np.uint8)
     try:
-        _, motion = cv2.findTransformECC(block, second, start, cv2.MOTION_AFFINE, THIRD_CRITERIA, None, 1)
+        _, motion = cv2.findTransformECC(block, second, start, cv2.MOTION_AFFINE, THIRD_CRITERIA, everywhere, 1)
     except cv2.error:  # it does not converge
         return None
     to_x, to_y = motion @ np.array([x - left, y - top, 1.0])
@@ -197,7 +198,8 @@ def page(comparisons: list[Comparison], method: str, subset_areas: list[str]) ->
             "Evangelidis and Psarakis 2008, [doi:10.1109/TPAMI.2008.113](https://doi.org/10.1109/TPAMI.2008.113)): affine motion of",
             f"blocks of {THIRD_BLOCK_PX} px of the grey levels as read, with sub-pixel interpolation, started from the reference. It",
             "shares no code with semlive or the reference, which takes blocks as rigid and interpolates the peak with a parabola.",
-            "*Measured* is the mean of the map within 6 px of the block, *wrong* a block whose mean is farther than 2 px from the reference.",
+            "*Measured* is the mean of the map within 6 px of the block, *wrong* a block whose mean is farther than 2 px from the",
+            "reference.",
             "",
             *third,
             "",

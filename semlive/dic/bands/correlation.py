@@ -9,6 +9,7 @@ computed cell by cell. Images and mask may be memory maps; only bands of them ar
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,21 +85,18 @@ def correlate_tiled(
     mask = None if mask is None or mask.all() else mask
     pair = image_pair(reference, current, mask)
     statistics = pair.statistics()
-    numbers = {"reference_frame": reference_frame, "current_frame": current_frame}
+    to_map = partial(to_disparity_map, grid=grid, settings=settings, reference_frame=reference_frame, current_frame=current_frame)
+    by_field = partial(measure_in_tiles, pair, grid, settings=settings, reference_frame=reference_frame, current_frame=current_frame)
     if settings.method == "global":
-        return measure_in_tiles(pair, grid, _unusable(pair, grid, settings), settings, **numbers)
+        return by_field(_unusable(pair, grid, settings))
     measured = _measurements(pair, grid, settings, statistics, band_px, band_points)
-    disparity = to_disparity_map(measured, grid, settings, **numbers)
 
     def confirmed() -> DisparityMap:
         # both filters of a band need as much memory again
         second = banded_second_estimates(pair, grid, measured, statistics, settings, band_px // 2, band_points)
-        return to_disparity_map(measured, grid, settings, **numbers, second=second)
+        return to_map(measured, second=second)
 
-    def by_global_method() -> DisparityMap:
-        return measure_in_tiles(pair, grid, measured.status, settings, **numbers)
-
-    return choose_map(disparity, measured, statistics.noise_grey, settings, confirmed, by_global_method)
+    return choose_map(to_map(measured), measured, statistics.noise_grey, settings, confirmed, lambda: by_field(measured.status))
 
 
 def _unusable(pair: ImagePair, grid: Grid, settings: DicSettings) -> NDArray[np.uint8]:
