@@ -16,7 +16,7 @@ from semlive.dic.second_estimate import is_doubtful
 
 MIN_MEASURED_FRACTION = 0.5  # of the points with contrast that both frames show; below, the global method is used
 # Speckle gives more than 0.9 of them, six pairs of atomic force microscopes and SEM 0.00 to 0.44.
-MIN_MEASURED_DIFFICULT = 0.9  # the same where the texture is difficult for subsets: 0.60 to 0.80 in scenes with wrong points of subsets
+MIN_MEASURED_DIFFICULT = 0.95  # the same where the texture is difficult for subsets: 0.60 to 0.80 in scenes with wrong points of subsets
 # Contrast over slope of the texture, relative to the subset: speckle of 6.7 px has 0.074 to 0.081, weak textures 0.094 and more.
 MAX_LENGTH = 0.088
 MAX_NOISE_VARIANCE = 0.33  # of the variance of the texture; noise of 20 grey levels on speckle has 0.28

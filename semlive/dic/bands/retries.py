@@ -45,14 +45,14 @@ class _Strips:
 
 
 def retry(
-    pair: ImagePair, rows: Grid, kept: slice, attempted: interface.Solutions, statistics: FrameStatistics, settings: DicSettings
+    pair: ImagePair, rows: Grid, inner: slice, attempted: interface.Solutions, statistics: FrameStatistics, settings: DicSettings
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], PointMeasurements] | None:
     """Retry the failed points of some rows.
 
     Args:
         pair: the images.
         rows: these rows of points, with as many more on each side as retries can reach.
-        kept: the rows of `rows` whose points are returned.
+        inner: the rows of `rows` whose points are returned.
         attempted: solutions of the rows before any retry; not changed.
         statistics: of the reference.
         settings: of the correlation.
@@ -63,7 +63,7 @@ def retry(
     failed = ~FINAL[attempted.status]
     converged = (attempted.status == PoiStatus.CONVERGED).astype(np.uint8)
     reachable = failed & (cv2.dilate(converged, np.ones((3, 3), dtype=np.uint8)) > 0)
-    if not failed[kept].any() or not reachable.any():
+    if not failed[inner].any() or not reachable.any():
         return None
     half, height = rows.subset_px // 2, pair.reference.shape[0]
     margin = MARGIN_PX + int(np.abs(attempted.parameters[converged > 0][:, [0, 3]]).max(initial=0.0))
@@ -86,7 +86,7 @@ def retry(
             break
         margin *= 2
     again = failed[:, strips.points] & (strips.points >= 0)
-    again[: kept.start] = again[kept.stop :] = False
+    again[: inner.start] = again[inner.stop :] = False
     solutions.status[~again] = PoiStatus.MASKED  # these are not refined
     refine_fourth_order(reference, interpolator, solutions, settings)
     measured = point_measurements(reference, solutions, settings)
@@ -114,8 +114,8 @@ def _strips(grid: Grid, failed: NDArray[np.bool_], reach_px: int, width_px: int)
     """
     step = grid.step_px
     reach = -(-reach_px // step) * step
-    wanted = np.convolve(failed, np.ones(3), mode="same") > 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], wanted.astype(np.int8), [0]]))).reshape(-1, 2)
+    near_failed = np.convolve(failed, np.ones(3), mode="same") > 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], near_failed.astype(np.int8), [0]]))).reshape(-1, 2)
     merged: list[list[int]] = []
     for first, last in edges.tolist():
         if merged and (first - merged[-1][1] + 1) * step <= 2 * reach + step:
