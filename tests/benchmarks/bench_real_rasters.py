@@ -103,7 +103,7 @@ def read(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise SystemExit(f"{path}: cannot be read; give the folder of the real rasters.")
-    return np.asarray(image, dtype=np.uint16 if image.dtype == np.uint16 else np.uint8)
+    return image.astype(np.uint16) if image.dtype == np.uint16 else image.astype(np.uint8)
 
 
 def third_measure(first: Image, second: Image, x: float, y: float, u: float, v: float) -> tuple[float, float] | None:
