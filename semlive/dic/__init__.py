@@ -6,7 +6,7 @@ from semlive.data.frame import PatternQuality
 from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.api import match
-from semlive.dic.banded import correlate_tiled, is_large
+from semlive.dic.bands import correlate_tiled, is_large
 from semlive.dic.correlate import correlate, warm_up
 from semlive.dic.grid import grid_for
 from semlive.dic.hold_drift import hold_drift

@@ -16,15 +16,15 @@ from semlive.data.settings import DicSettings
 from semlive.dic.grid import grid_for
 from semlive.dic.initial_guess.fields import nearest_block_field, residual_affine_field, smooth_field
 from semlive.dic.initial_guess.search import match
-from semlive.dic.method_choice import measure_globally, too_few_measured
+from semlive.dic.method_choice import choose_map, measure_globally
 from semlive.dic.outlier_rejection import PointMeasurements, rejection_status
-from semlive.dic.reference import Reference, prepare
+from semlive.dic.reference import Reference, prepare, texture_length
 from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distance
-from semlive.dic.second_estimate import SecondEstimates, confirm, is_doubtful, second_estimates
+from semlive.dic.second_estimate import SecondEstimates, confirm, second_estimates
 from semlive.dic.uncertainty import noise_variance
 from semlive.errors import BadInput
 from semlive.kernels import images, interface
-from semlive.kernels.fourth_order import QUARTIC
+from semlive.kernels.fourth_order_matrix import QUARTIC
 from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
 from semlive.kernels.local_planes import fit_local_planes
 from semlive.kernels.shot_noise import gradient_grey_sums
@@ -86,14 +86,14 @@ def correlate(
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
     measurements = point_measurements(reference, solutions, settings)
     to_map = partial(to_disparity_map, measurements, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
-    disparity = to_map()
-    if settings.method == "auto" and too_few_measured(disparity):
-        other = by_global_method()
-        if np.count_nonzero(other.valid) > np.count_nonzero(disparity.valid):
-            return other
-    if is_doubtful(measurements, disparity.status):
-        return to_map(second=second_estimates(reference, current, solutions, settings))
-    return disparity
+    return choose_map(
+        to_map(),
+        measurements,
+        reference.noise_grey,
+        settings,
+        lambda: to_map(second=second_estimates(reference, current, solutions, settings)),
+        by_global_method,
+    )
 
 
 def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:
@@ -131,6 +131,7 @@ def point_measurements(reference: Reference, solutions: interface.Solutions, set
         contrast=(sums.norm**2 / np.maximum(sums.pixels, 1.0)).astype(np.float32),
         status=solutions.status,
         iterations=solutions.iterations,
+        length=texture_length(reference).astype(np.float32),
     )
 
 
@@ -201,47 +202,80 @@ def solve(
         guess: (ny, nx, 6) initial guesses; None: `smooth_field` of the matches.
         second: function that returns alternative initial guesses (`residual_affine_field`) or None; called only if needed.
     """
+    solutions = first_attempts(reference, interpolator, matches, settings, guess, second)
+    retry_from_neighbours(reference, interpolator, solutions, settings)
+    refine_fourth_order(reference, interpolator, solutions, settings)
+    return solutions
+
+
+def first_attempts(
+    reference: Reference,
+    interpolator: NDArray[np.float32],
+    matches: NDArray[np.float64],
+    settings: DicSettings,
+    guess: NDArray[np.float64] | None = None,
+    second: Callable[[], NDArray[np.float64] | None] = lambda: None,
+) -> interface.Solutions:
+    """The part of `solve` in which rows of points do not depend on each other; arguments as for it."""
     grid, solutions = reference.grid, _unsolved(reference)
     status = solutions.status
     if not len(matches):
         return solutions
-
-    def attempt(where: NDArray[np.bool_], mode: int, seeds: NDArray[np.float64]) -> None:
-        interface.correlate(
-            reference.sums,
-            interpolator,
-            np.where(where, mode, SKIP).astype(np.uint8),
-            seeds,
-            solutions,
-            max_iterations=settings.max_iterations,
-            tolerance_px=settings.tolerance_px,
-            min_zncc=settings.min_zncc,
-            max_travel_px=MAX_TRAVEL_PX,
-            order=ORDER[settings.interpolation],
-        )
-
     guess = smooth_field(matches, grid) if guess is None else guess
-    attempt(status == PoiStatus.NO_SEED, SEED_FROM_NEIGHBOUR, guess)
+    _attempt(reference, interpolator, settings, solutions, status == PoiStatus.NO_SEED, SEED_FROM_NEIGHBOUR, guess)
     if (failed := ~FINAL[status]).any():
-        attempt(failed, SEED_FROM_NEIGHBOUR, nearest_block_field(matches, grid))
+        _attempt(reference, interpolator, settings, solutions, failed, SEED_FROM_NEIGHBOUR, nearest_block_field(matches, grid))
     if (failed := ~FINAL[status]).any() and (alternative := second()) is not None:
-        attempt(failed & (seed_distance(alternative, guess) > MIN_DISCREPANCY_PX), SEED_FROM_NEIGHBOUR, alternative)
-    fresh = status == PoiStatus.CONVERGED
-    for _ in range(MAX_PASSES):
-        if not (failed := ~FINAL[status]).any():
-            break
-        first, reachable, second_guess, has_second = neighbour_seeds(solutions, fresh, grid.step_px)
-        if not (failed & reachable).any():
-            break
-        attempt(failed & reachable, SEEDED, first)
-        attempt(failed & has_second & (status != PoiStatus.CONVERGED), SEEDED, second_guess)
-        fresh = failed & (status == PoiStatus.CONVERGED)
-    _refine(reference, interpolator, solutions, settings)
+        different = failed & (seed_distance(alternative, guess) > MIN_DISCREPANCY_PX)
+        _attempt(reference, interpolator, settings, solutions, different, SEED_FROM_NEIGHBOUR, alternative)
     return solutions
 
 
-def _refine(reference: Reference, interpolator: NDArray[np.float32], solutions: interface.Solutions, settings: DicSettings) -> None:
-    """Continue with the shape function of fourth order if the reference is prepared for it."""
+def retry_from_neighbours(
+    reference: Reference, interpolator: NDArray[np.float32], solutions: interface.Solutions, settings: DicSettings
+) -> None:
+    """Retry failed points from their converged neighbours, at most MAX_PASSES rings of them; writes into the solutions."""
+    status = solutions.status
+    fresh = status == PoiStatus.CONVERGED
+    for _ in range(MAX_PASSES):
+        if not (failed := ~FINAL[status]).any() or not fresh.any():
+            break
+        first, reachable, second_guess, has_second = neighbour_seeds(solutions, fresh, reference.grid.step_px)
+        if not (failed & reachable).any():
+            break
+        _attempt(reference, interpolator, settings, solutions, failed & reachable, SEEDED, first)
+        again = failed & has_second & (status != PoiStatus.CONVERGED)
+        _attempt(reference, interpolator, settings, solutions, again, SEEDED, second_guess)
+        fresh = failed & (status == PoiStatus.CONVERGED)
+
+
+def _attempt(
+    reference: Reference,
+    interpolator: NDArray[np.float32],
+    settings: DicSettings,
+    solutions: interface.Solutions,
+    where: NDArray[np.bool_],
+    mode: int,
+    seeds: NDArray[np.float64],
+) -> None:
+    interface.correlate(
+        reference.sums,
+        interpolator,
+        np.where(where, mode, SKIP).astype(np.uint8),
+        seeds,
+        solutions,
+        max_iterations=settings.max_iterations,
+        tolerance_px=settings.tolerance_px,
+        min_zncc=settings.min_zncc,
+        max_travel_px=MAX_TRAVEL_PX,
+        order=ORDER[settings.interpolation],
+    )
+
+
+def refine_fourth_order(
+    reference: Reference, interpolator: NDArray[np.float32], solutions: interface.Solutions, settings: DicSettings
+) -> None:
+    """Continue with the shape function of fourth order if the reference is prepared for it; writes into the solutions."""
     if solutions.curvatures is not None:
         interface.refine(
             reference.sums,

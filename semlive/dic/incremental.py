@@ -5,7 +5,8 @@ u(x) = u0(x) + u1(x + u0(x)), with u1 interpolated between the points of the new
 
 The noise of the intermediate frame is in both maps with opposite sign and cancels except for UNCANCELLED_NOISE_FRACTION. Therefore the
 uncertainties grow far less than those of independent maps. Points lost at a change of the reference are also correlated with the
-previous reference and return if they become visible again.
+previous reference and return if they become visible again. With the method ``auto``, the global method measures a frame of which subsets
+measure too few points even with a new reference.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.correlate import correlate
 from semlive.dic.grid import grid_for
+from semlive.dic.method_choice import too_few_measured
 from semlive.dic.reference import Reference, prepare
 from semlive.kernels.bilinear import interpolate_bilinear
 
@@ -90,8 +92,9 @@ def advance(
     Raises:
         BadInput: the frames differ in size.
     """
-    if settings.method == "auto":
-        settings = dataclasses.replace(settings, method="subset")  # a new reference, not another method, recovers lost points
+    auto = settings.method == "auto"
+    if auto:
+        settings = dataclasses.replace(settings, method="subset")  # first a new reference, not another method, recovers lost points
     m = _composed(track, correlate(track.reference, image, settings, reference_frame=track.first_frame, current_frame=frame))
     if (renew or _too_weak(track, m)) and track.last_map is not None and track.last_map.valid.any():
         fresh = _renewed(track, settings)
@@ -100,6 +103,11 @@ def advance(
             track, m = fresh, composed
     if track.fallback is not None and not m.valid.all():
         m = _with_returned_points(m, track.fallback, image, settings, frame)
+    if auto and too_few_measured(m):
+        by_field = dataclasses.replace(settings, method="global")
+        other = _composed(track, correlate(track.reference, image, by_field, reference_frame=track.first_frame, current_frame=frame))
+        if other.valid.sum() > m.valid.sum():
+            m = other
     if track.initial_points is None:
         track = dataclasses.replace(track, initial_points=int(m.valid.sum()), zncc=_median_zncc(m))
     return m, dataclasses.replace(track, last_image=image, last_map=m)

@@ -2,29 +2,92 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.dic import global_method
+from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import Reference
+from semlive.dic.second_estimate import is_doubtful
 
 MIN_MEASURED_FRACTION = 0.5  # of the points with contrast that both frames show; below, the global method is used
 # Speckle gives more than 0.9 of them, six pairs of atomic force microscopes and SEM 0.00 to 0.44.
+MIN_MEASURED_DIFFICULT = 0.95  # the same where the texture is difficult for subsets: 0.60 to 0.80 in scenes with wrong points of subsets
+# Contrast over slope of the texture, relative to the subset: speckle of 6.7 px has 0.074 to 0.081, weak textures 0.094 and more.
+MAX_LENGTH = 0.088
+MAX_NOISE_VARIANCE = 0.33  # of the variance of the texture; noise of 20 grey levels on speckle has 0.28
+MAX_MISFIT = 0.03  # of the variance of the texture: residual beyond noise; 0.015 with curvature or saturation
+CHANGED_NOISE = 2.0  # times the noise variance of the reference: residual if the current frame has 0.6 times the contrast
 MIN_CONTRAST_FRACTION = 0.05  # of the points that both frames show; below, the texture is too weak for subsets everywhere
 MAX_AMBIGUOUS_FRACTION = 0.9  # of these points; above, the pattern repeats everywhere, and no method determines the motion
 
 
-def too_few_measured(disparity: DisparityMap) -> bool:
-    """Whether subsets measured too few of the points that lie in both frames: of those with contrast, or hardly any has contrast."""
+def choose_map(
+    disparity: DisparityMap,
+    measured: PointMeasurements,
+    noise_grey: float,
+    settings: DicSettings,
+    confirmed: Callable[[], DisparityMap],
+    by_global_method: Callable[[], DisparityMap],
+) -> DisparityMap:
+    """The map of subsets, with second estimates where points are doubtful, or that of the global method if subsets measure too few points.
+
+    Args:
+        disparity: map of subsets.
+        measured: measurements of its points.
+        noise_grey: standard deviation of the noise of the reference.
+        settings: method.
+        confirmed: returns the map of subsets with second estimates.
+        by_global_method: returns the map of the global method.
+    """
+    auto, doubtful = settings.method == "auto", is_doubtful(measured, disparity.status, noise_grey)
+    few = auto and too_few_measured(disparity)
+    if doubtful and not few:
+        disparity = confirmed()
+    if few or (auto and too_few_measured(disparity, MIN_MEASURED_DIFFICULT) and is_difficult(measured, noise_grey)):
+        other = by_global_method()
+        if np.count_nonzero(other.valid) > np.count_nonzero(disparity.valid):
+            return other
+    return confirmed() if doubtful and few else disparity
+
+
+def too_few_measured(disparity: DisparityMap, min_fraction: float = MIN_MEASURED_FRACTION) -> bool:
+    """Whether subsets measured too few of the points that lie in both frames: of those with contrast, or hardly any has contrast.
+
+    Args:
+        disparity: map of subsets.
+        min_fraction: smallest sufficient fraction of the points with contrast.
+    """
     status = disparity.status
     shown = (status != PoiStatus.OUTSIDE_IMAGE) & (status != PoiStatus.MASKED)
     points = int(np.count_nonzero(shown))
     with_contrast = points - int(np.count_nonzero(status == PoiStatus.LOW_CONTRAST))
     ambiguous = int(np.count_nonzero(status == PoiStatus.AMBIGUOUS))
-    few = int(np.count_nonzero(disparity.valid)) < MIN_MEASURED_FRACTION * with_contrast
+    few = int(np.count_nonzero(disparity.valid)) < min_fraction * with_contrast
     return (few and ambiguous <= MAX_AMBIGUOUS_FRACTION * with_contrast) or with_contrast < MIN_CONTRAST_FRACTION * points
+
+
+def is_difficult(measured: PointMeasurements, noise_grey: float) -> bool:
+    """Whether the texture is difficult for subsets: coarse, weak compared with noise, or different in both frames.
+
+    In such a texture a subset that is displaced by half a pixel is not conspicuous. In a pattern of fine speckle it is, and there lost
+    points have other causes (discontinuities, hidden or blank parts), which a smooth field does not describe.
+
+    Args:
+        measured: measurements by subsets.
+        noise_grey: standard deviation of the noise of the reference.
+    """
+    valid = measured.valid
+    if not valid.any():
+        return False
+    variance = noise_grey**2
+    texture = max(float(np.median(measured.contrast[valid])) - variance, 1e-9)
+    residual, length = float(np.median(measured.residual[valid])), float(np.median(measured.length[valid]))
+    return length > MAX_LENGTH or variance > MAX_NOISE_VARIANCE * texture or residual > CHANGED_NOISE * variance + MAX_MISFIT * texture
 
 
 def measure_globally(

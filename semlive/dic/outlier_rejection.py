@@ -79,6 +79,7 @@ class PointMeasurements:
         contrast: variance of the reference subset, noise included, grey^2.
         status: PoiStatus after IC-GN.
         iterations: iterations of the last attempt.
+        length: length of the texture in subsets, standard deviation over smallest root mean square derivative, noise subtracted.
     """
 
     u_px: NDArray[np.float64]
@@ -92,6 +93,7 @@ class PointMeasurements:
     contrast: NDArray[np.float32]
     status: NDArray[np.uint8]
     iterations: NDArray[np.int32]
+    length: NDArray[np.float32]
 
     @property
     def valid(self) -> NDArray[np.bool_]:

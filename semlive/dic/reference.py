@@ -15,7 +15,7 @@ from semlive.dic.initial_guess.search import InitialGuessReference, prepare_coar
 from semlive.dic.shot_noise import NoiseFactors, ShotNoise, estimate_shot_noise, noise_factors
 from semlive.errors import BadInput
 from semlive.kernels import images, interface
-from semlive.kernels.fourth_order import QUARTIC
+from semlive.kernels.fourth_order_matrix import QUARTIC
 from semlive.kernels.threads import run_pair_in_parallel
 from semlive.kernels.warp import AFFINE, QUADRATIC
 
@@ -38,6 +38,7 @@ class Reference:
         sums: image, gradients, and sums and factored Gauss-Newton matrix of each subset.
         status: (ny, nx) uint8, PoiStatus: CONVERGED where a POI can be correlated, else LOW_CONTRAST or MASKED.
         noise_grey: standard deviation of the white noise of the frame in grey levels.
+        gain: larger gain of the Sobel derivatives.
         coarse: half-resolution image and spectrum for initial guesses.
         factors: effect of noise that grows with the grey level; None for noise that does not.
     """
@@ -47,6 +48,7 @@ class Reference:
     sums: interface.SubsetSums
     status: NDArray[np.uint8]
     noise_grey: float
+    gain: float
     coarse: InitialGuessReference
     factors: NoiseFactors | None = None
 
@@ -195,12 +197,33 @@ def prepare_part(
     status = _contrast_status(sums, statistics.noise_grey, max(statistics.gain_x, statistics.gain_y))
     status[sums.pixels < settings.min_valid_fraction * grid.subset_px**2] = PoiStatus.MASKED
     factors = None if statistics.shot_noise is None else noise_factors(sums, statistics.shot_noise)
-    return Reference(grid=grid, shape=f.shape, sums=sums, status=status, noise_grey=statistics.noise_grey, coarse=coarse, factors=factors)
+    return Reference(
+        grid=grid,
+        shape=f.shape,
+        sums=sums,
+        status=status,
+        noise_grey=statistics.noise_grey,
+        gain=max(statistics.gain_x, statistics.gain_y),
+        coarse=coarse,
+        factors=factors,
+    )
 
 
 def usable_mask(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     """1 where a pixel and its eight neighbours, which its derivative needs, may be used, else 0."""
     return ndimage.binary_erosion(mask, np.ones((3, 3)), border_value=1).astype(np.float32)
+
+
+def texture_length(reference: Reference) -> NDArray[np.float64]:
+    """(ny, nx) length of the texture relative to the subset: standard deviation over smallest root mean square derivative.
+
+    Noise is subtracted from both; 0 where a subset contains noise only.
+    """
+    sums, variance = reference.sums, reference.noise_grey**2
+    contrast = sums.norm**2 - variance * sums.pixels
+    slope = sums.sssig / reference.gain**2 - SOBEL_VARIANCE * variance * sums.pixels
+    length = np.sqrt(np.maximum(contrast, 0.0) / np.maximum(slope, 1e-9)) / (2 * sums.half_px + 1)
+    return np.where(slope > 0.0, length, 0.0)
 
 
 def _contrast_status(sums: interface.SubsetSums, noise_grey: float, gain: float) -> NDArray[np.uint8]:

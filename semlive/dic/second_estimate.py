@@ -51,16 +51,28 @@ class SecondEstimates:
     found: NDArray[np.bool_]
 
 
-def is_doubtful(measured: PointMeasurements, verdict: NDArray[np.uint8]) -> bool:
-    """Whether so many converged points are refused that the noise model is not valid for the map."""
-    refused = measured.valid & ((verdict == PoiStatus.LOW_ZNCC) | (verdict == PoiStatus.INCONSISTENT))
-    return bool(refused.sum() >= MIN_DOUBTFUL * max(int(measured.valid.sum()), 1))
+def is_doubtful(measured: PointMeasurements, verdict: NDArray[np.uint8], noise_grey: float) -> bool:
+    """Whether so many converged points are refused that the noise model is not valid for the map.
+
+    Not where noise hides the edges of blank areas: there second estimates agree on wrong points, too.
+
+    Args:
+        measured: measurements of the map.
+        verdict: (ny, nx) status from outlier rejection.
+        noise_grey: standard deviation of the noise of the reference.
+    """
+    valid = measured.valid
+    contrast = float(np.median(measured.contrast[valid])) if valid.any() else 0.0
+    if noise_grey**2 > HIGH_NOISE_VARIANCE * max(contrast - noise_grey**2, 0.0):
+        return False
+    refused = valid & ((verdict == PoiStatus.LOW_ZNCC) | (verdict == PoiStatus.INCONSISTENT))
+    return bool(refused.sum() >= MIN_DOUBTFUL * max(int(valid.sum()), 1))
 
 
 def second_estimates(
     reference: Reference, current: NDArray[np.float32], solutions: interface.Solutions, settings: DicSettings
-) -> SecondEstimates | None:
-    """Correlate the converged points again in two bands, from their solutions; None where noise hides the edges of blank areas.
+) -> SecondEstimates:
+    """Correlate the converged points again in two bands, from their solutions.
 
     Args:
         reference: from `prepare`.
@@ -72,9 +84,6 @@ def second_estimates(
     f = np.ascontiguousarray(sums.planes[:, 0, : sums.width_px])
     usable = np.ascontiguousarray(sums.valid[:, : sums.width_px]) if sums.valid.size else None
     valid = solutions.status == PoiStatus.CONVERGED
-    contrast = float(np.median((sums.norm**2 / np.maximum(sums.pixels, 1.0))[valid])) if valid.any() else 0.0
-    if reference.noise_grey**2 > HIGH_NOISE_VARIANCE * max(contrast - reference.noise_grey**2, 0.0):
-        return None
     difference, found = np.zeros((len(BANDS), *grid.shape, 2)), np.zeros((len(BANDS), *grid.shape), dtype=np.bool_)
     for k, widths in enumerate(BANDS):
         fine, coarse = (width * grid.subset_px for width in widths)

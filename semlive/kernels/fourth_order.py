@@ -1,7 +1,4 @@
-"""Shape function of fourth order: Gauss-Newton matrix of a subset, and IC-GN that starts from the second-order solution.
-
-u and v are polynomials of total degree 4 in (dx, dy) / half, 15 coefficients each, those of u first. In these coordinates, which
-reach from -1 to 1, sums in float32 are sufficient.
+"""Shape function of fourth order: IC-GN that starts from the second-order solution.
 
 The mean over a subset of a weighted least-squares polynomial is a Savitzky-Golay filter of the displacement (Schreier, Sutton 2002,
 doi:10.1007/BF02410987). The order determines how sharp its cut-off is, the edge of the subset where it is.
@@ -13,110 +10,28 @@ import numpy as np
 from numba import njit
 from numpy import uint64
 
+from semlive.kernels.fourth_order_matrix import (
+    DEGREE,
+    EXPONENT_X,
+    EXPONENT_Y,
+    PAIRS,
+    POWERS,
+    QUARTIC,
+    TERMS,
+    fill_matrix,
+    powers_of,
+    term,
+)
 from semlive.kernels.icgn import CONVERGED, INITIAL_LEARNING_RATE, LOW_ZNCC, MAX_GRADIENT, MIN_LEARNING_RATE, NOT_CONVERGED, OUTSIDE_IMAGE
 from semlive.kernels.interpolate import SCALE, cubic_at, quintic_at
-from semlive.kernels.subsets import factor, inverse_diagonal
+from semlive.kernels.subsets import factor
 from semlive.kernels.warp import solve
 
-DEGREE, TERMS, QUARTIC = 4, 15, 30
-POWERS = 2 * DEGREE + 1  # of a coordinate in the products of two terms
-# exponents of dx and dy of each term, by degree
-EXPONENT_X = np.array([n - k for n in range(DEGREE + 1) for k in range(n + 1)])
-EXPONENT_Y = np.array([k for n in range(DEGREE + 1) for k in range(n + 1)])
 SECOND_ORDER = 6  # the first terms, in the order of the parameters of second order
 FACTOR = np.array([1.0, 1.0, 1.0, 2.0, 1.0, 2.0])  # derivative over coefficient
 CUBIC_GAIN, QUINTIC_GAIN = np.float32(1.0 / SCALE[3]), np.float32(1.0 / SCALE[5])
-PAIRS = 3  # products gx gx, gx gy, gy gy
 MAX_SHIFT_PX = 2.0  # from the second-order solution; its attenuation of a wave is a part of the amplitude
 BEYOND_EDGE_PX = 0.5  # of the corners of a subset at the edge of the frame, where noise bends them; the spline is mirrored there
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _term(exponent_x, exponent_y):
-    """Number of a term."""
-    n = exponent_x + exponent_y
-    return n * (n + 1) // 2 + exponent_y
-
-
-@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
-def _column_sums(planes, pitch, at, half, products, sums):
-    """Sums over the rows of a subset of the products of gradients times powers of dy, (PAIRS, POWERS, size)."""
-    size = uint64(2 * half + 1)
-    sums[:] = np.float32(0.0)
-    for row in range(2 * half + 1):
-        pixel = uint64(at + row * 3 * pitch)
-        for i in range(size):
-            gx, gy = planes[pixel + uint64(pitch) + i], planes[pixel + uint64(2 * pitch) + i]
-            products[i] = gx * gx
-            products[size + i] = gx * gy
-            products[size + size + i] = gy * gy
-        for pair in range(PAIRS):
-            source = uint64(pair) * size
-            power = np.float32(1.0)
-            for k in range(POWERS):
-                to = uint64(pair * POWERS + k) * size
-                for i in range(size):
-                    sums[to + i] += power * products[source + i]
-                power *= np.float32((row - half) / half)
-
-
-@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
-def _reduce(sums, powers, size, moments):
-    """`moments`, (PAIRS, POWERS of dx, POWERS of dy): the sums over columns."""
-    for pair in range(PAIRS):
-        for k in range(POWERS):
-            at = (pair * POWERS + k) * size
-            for n in range(POWERS - k):
-                total = 0.0
-                for i in range(size):
-                    total += powers[n, i] * sums[at + i]
-                moments[pair, n, k] = total
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _fill_matrix(planes, pitch, at, half, powers, products, sums, moments, matrix):
-    """The Gauss-Newton matrix (lower triangle and diagonal) of a subset whose first pixel is at `at`."""
-    _column_sums(planes, pitch, at, half, products, sums)
-    _reduce(sums, powers, 2 * half + 1, moments)
-    for k in range(QUARTIC):
-        x0, y0 = EXPONENT_X[k % TERMS], EXPONENT_Y[k % TERMS]
-        for m in range(k + 1):
-            matrix[k, m] = moments[k // TERMS + m // TERMS, x0 + EXPONENT_X[m % TERMS], y0 + EXPONENT_Y[m % TERMS]]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _powers(half, powers):
-    """(POWERS, size) powers of dx / half."""
-    for i in range(2 * half + 1):
-        power = 1.0
-        for k in range(powers.shape[0]):
-            powers[k, i] = power
-            power *= (i - half) / half
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def variance_rows(planes, pitch, first, last, x0, y0, step, half, variance_u, variance_v, covariance):
-    """Fill rows first..last-1 of POI: variances and covariance of u and v for unit noise; zero if the matrix cannot be factored."""
-    size = 2 * half + 1
-    powers = np.zeros((POWERS, size))
-    _powers(half, powers)
-    products = np.zeros(PAIRS * size, dtype=np.float32)
-    sums = np.zeros(PAIRS * POWERS * size, dtype=np.float32)
-    moments = np.zeros((PAIRS, POWERS, POWERS))
-    matrix = np.zeros((QUARTIC, QUARTIC))
-    column_u, column_v = np.zeros(QUARTIC), np.zeros(QUARTIC)
-    for j in range(first, last):
-        for i in range(variance_u.shape[1]):
-            at = (y0 + j * step - half) * 3 * pitch + x0 + i * step - half
-            _fill_matrix(planes, pitch, at, half, powers, products, sums, moments, matrix)
-            variance_u[j, i] = variance_v[j, i] = covariance[j, i] = 0.0
-            if factor(matrix):
-                variance_u[j, i] = inverse_diagonal(matrix, 0, column_u)
-                variance_v[j, i] = inverse_diagonal(matrix, TERMS, column_v)
-                total = 0.0
-                for k in range(TERMS, QUARTIC):
-                    total += column_u[k] * column_v[k]
-                covariance[j, i] = total
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -126,7 +41,7 @@ def _row_polynomials(p, eta, line):
         for n in range(DEGREE + 1):
             value = 0.0
             for k in range(DEGREE - n, -1, -1):
-                value = value * eta + p[axis * TERMS + _term(n, k)]
+                value = value * eta + p[axis * TERMS + term(n, k)]
             line[axis, n] = np.float32(value)
 
 
@@ -215,7 +130,7 @@ def _project(planes, pitch, x, y, half, powers, mean, g, g_mean, ratio, b):
                     total += residual[axis, i] * powers[n, i]
                 value = np.float64(total)
                 for k in range(DEGREE + 1 - n):
-                    b[axis * TERMS + _term(n, k)] += value
+                    b[axis * TERMS + term(n, k)] += value
                     value *= (row - half) / half
 
 
@@ -234,9 +149,9 @@ def _compose_inverse(p, d, half, old):
                 if ma + mb - 1 > DEGREE:
                     continue
                 if a > 0:
-                    p[axis * TERMS + _term(ma - 1, mb)] -= coefficient * a * d[m]
+                    p[axis * TERMS + term(ma - 1, mb)] -= coefficient * a * d[m]
                 if b > 0:
-                    p[axis * TERMS + _term(ma, mb - 1)] -= coefficient * b * d[TERMS + m]
+                    p[axis * TERMS + term(ma, mb - 1)] -= coefficient * b * d[TERMS + m]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -272,7 +187,7 @@ def refine_rows(
     size = 2 * half + 1
     height = c.size // stride_c - 2 * (order // 2 + 1)
     powers = np.zeros((POWERS, size))
-    _powers(half, powers)
+    powers_of(half, powers)
     single = powers.astype(np.float32)
     products = np.zeros(PAIRS * size, dtype=np.float32)
     sums = np.zeros(PAIRS * POWERS * size, dtype=np.float32)
@@ -289,7 +204,7 @@ def refine_rows(
             if status[j, i] != CONVERGED:
                 continue
             x = x0 + i * step
-            _fill_matrix(planes, pitch, (y - half) * 3 * pitch + x - half, half, powers, products, sums, moments, matrix)
+            fill_matrix(planes, pitch, (y - half) * 3 * pitch + x - half, half, powers, products, sums, moments, matrix)
             status[j, i] = NOT_CONVERGED
             if not factor(matrix):
                 continue

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from semlive.kernels import fourth_order, icgn, spline, subsets, warp
+from semlive.kernels import fourth_order, fourth_order_matrix, icgn, spline, subsets, warp
 from semlive.kernels.interpolate import LANES
 from semlive.kernels.malloc import keep_freed_memory
 from semlive.kernels.threads import parallel_chunks
@@ -146,8 +146,8 @@ def subset_sums(
         raise ValueError(
             f"subsets from ({x0_px - half_px}, {y0_px - half_px}) to ({right}, {bottom}) are outside the {width} x {height} px image"
         )
-    if parameters not in (warp.AFFINE, warp.QUADRATIC, fourth_order.QUARTIC):
-        raise ValueError(f"parameters must be {warp.AFFINE}, {warp.QUADRATIC} or {fourth_order.QUARTIC}, not {parameters}")
+    if parameters not in (warp.AFFINE, warp.QUADRATIC, fourth_order_matrix.QUARTIC):
+        raise ValueError(f"parameters must be {warp.AFFINE}, {warp.QUADRATIC} or {fourth_order_matrix.QUARTIC}, not {parameters}")
     count = min(parameters, warp.QUADRATIC)
     if valid is not None:
         checked(valid, "valid", np.float32, (height, width))
@@ -194,8 +194,8 @@ def subset_sums(
             r.gradient_sum, r.gradient_image_sum, r.lower, r.variance_u, r.variance_v, r.covariance,
             r.sssig,
         )  # fmt: skip
-        if parameters == fourth_order.QUARTIC:
-            fourth_order.variance_rows(
+        if parameters == fourth_order_matrix.QUARTIC:
+            fourth_order_matrix.variance_rows(
                 flat[0], pitch, first, last, x0_px, y0_px, step_px, half_px, r.variance_u, r.variance_v, r.covariance
             )  # fmt: skip
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.dic.banded import correlate_tiled
+from semlive.dic.bands import correlate_tiled
 
 SHIFT = (5, -3)  # whole pixels, so that the truth needs no interpolation
 BAND = 1024

@@ -12,6 +12,7 @@ import argparse
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -79,19 +80,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--first", type=int, default=0, help=f"number of the first scene; from {len(NAMES)} on the surfaces are others")
     parser.add_argument("--count", type=int, default=len(NAMES), help="number of scenes")
     parser.add_argument("--only", nargs="+", default=[], help="parts of names of textures or disturbances")
+    parser.add_argument("--jobs", type=int, default=1, help="number of processes")
     parser.add_argument("--each", action="store_true", help="print every scene")
     parser.add_argument("--write", action="store_true", help="put the table into docs/validation/correlation.md")
     given = parser.parse_args(arguments)
     counts: dict[tuple[str, str], Count] = defaultdict(Count)
-    for number in range(given.first, given.first + given.count):
-        key = NAMES[number % len(NAMES)]
-        if given.only and not any(part in " ".join(key) for part in given.only):
-            continue
-        found = measure(number)
-        counts[key] += found
-        if given.each:
-            sys.stdout.write(row(", ".join(key), found) + "\n")
-            sys.stdout.flush()
+    numbers = [
+        number
+        for number in range(given.first, given.first + given.count)
+        if not given.only or any(part in " ".join(NAMES[number % len(NAMES)]) for part in given.only)
+    ]
+    with ProcessPoolExecutor(given.jobs) as pool:
+        for number, found in zip(numbers, pool.map(measure, numbers), strict=True):
+            key = NAMES[number % len(NAMES)]
+            counts[key] += found
+            if given.each:
+                sys.stdout.write(row(", ".join(key), found) + "\n")
+                sys.stdout.flush()
     text = table(counts)
     sys.stdout.write(text + "\n")
     if given.write:

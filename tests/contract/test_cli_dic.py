@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from semlive.cli.without_run.dic import dic
-from semlive.dic import banded
+from semlive.dic.bands import correlation as banded
 from semlive.errors import BadInput
 
 

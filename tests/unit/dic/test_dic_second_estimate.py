@@ -50,7 +50,7 @@ def measurements(shape, sigma_px=0.02):
     zero = np.zeros(shape)
     return PointMeasurements(
         zero, zero, np.zeros((*shape, 4), np.float32), zero + sigma_px, zero + sigma_px, zero, zero + 0.99, zero.astype(np.float32),
-        zero.astype(np.float32), np.full(shape, PoiStatus.CONVERGED, np.uint8), np.ones(shape, np.int32),
+        zero.astype(np.float32), np.full(shape, PoiStatus.CONVERGED, np.uint8), np.ones(shape, np.int32), zero.astype(np.float32),
     )  # fmt: skip
 
 
@@ -60,7 +60,7 @@ def test_bands_decide_on_doubtful_points():
     verdict = np.full(grid.shape, PoiStatus.CONVERGED, np.uint8)
     verdict[:, 3:6] = PoiStatus.LOW_ZNCC
     verdict[:, 6:9] = PoiStatus.INCONSISTENT
-    assert is_doubtful(m, verdict)
+    assert is_doubtful(m, verdict, 0.0)
     verdict[:, 0] = PoiStatus.LOW_CONTRAST
     difference = np.zeros((2, *grid.shape, 2))
     difference[0, ..., 0], difference[1, ..., 0] = 0.1, -0.1
@@ -83,9 +83,26 @@ def test_bands_decide_on_doubtful_points():
     assert confirm(m, verdict, SecondEstimates(difference, isolated), grid)[1][4, 4] == PoiStatus.LOW_ZNCC
 
 
+def test_noise_that_hides_edges_leaves_doubtful_points_refused():
+    m = replace(measurements((10, 12)), contrast=np.full((10, 12), 400.0, np.float32))
+    verdict = np.full((10, 12), PoiStatus.INCONSISTENT, np.uint8)
+    assert is_doubtful(m, verdict, 5.0)
+    assert not is_doubtful(m, verdict, 8.0)  # 19 % of the variance of the pattern
+
+
+def test_bands_confirm_the_same_points(lab):
+    render = coarse_surface(lab)
+    first, second = changed(*render(lab.Affine()), 3), changed(*render(lab.Affine(u=SHIFT[0], v=SHIFT[1])), 4)
+    one = dic.match(first, second, settings=SETTINGS)
+    many = dic.correlate_tiled(first, second, one.grid, SETTINGS, band_px=240 * 260)
+    for name in ("status", "u_px", "v_px"):
+        assert np.array_equal(getattr(one, name), getattr(many, name)), name
+    np.testing.assert_allclose(many.sigma_u_px, one.sigma_u_px, rtol=1e-3)
+
+
 def test_few_refused_points_change_nothing():
     m = measurements((10, 12))
     verdict = np.full((10, 12), PoiStatus.CONVERGED, np.uint8)
     verdict[:2] = PoiStatus.INCONSISTENT
-    assert not is_doubtful(m, verdict)
-    assert not is_doubtful(replace(m, status=np.full((10, 12), PoiStatus.NO_SEED, np.uint8)), verdict)
+    assert not is_doubtful(m, verdict, 0.0)
+    assert not is_doubtful(replace(m, status=np.full((10, 12), PoiStatus.NO_SEED, np.uint8)), verdict, 0.0)

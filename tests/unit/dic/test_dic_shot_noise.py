@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from semlive import dic
-from semlive.dic import banded
+from semlive.dic.bands import correlation as banded
 from semlive.dic.shot_noise import estimate_shot_noise
 
 SETTINGS = dic.DicSettings(step_px=16, roi_px=(30, 30, 210, 190))

@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
+from semlive.dic.bands import global_tiles
 from semlive.dic.global_method import block_tridiagonal
 from semlive.dic.global_method.coarse import find_blocks
 from semlive.formats.log.maps import decode_map, encode_map
@@ -94,6 +95,30 @@ def test_neighbour_share_is_a_fraction_and_survives_the_log(rendered):
     assert decoded.method == "global"
     np.testing.assert_array_equal(decoded.neighbour_share, share)
     np.testing.assert_array_equal(decoded.status, rendered.status)
+
+
+def test_a_frame_beyond_the_limit_is_measured_in_tiles(rendered, monkeypatch):
+    monkeypatch.setattr(global_tiles, "TILE_PX", 96)
+    monkeypatch.setattr(global_tiles, "OVERLAP_PX", 48)
+    mask = np.ones((SIZE, SIZE), dtype=bool)
+    mask[:, :40] = False
+    frames = raster(1, moved=False, exposure=1), raster(1, moved=True, exposure=2)
+    tiled = dic.correlate_tiled(*frames, rendered.grid, SETTINGS, mask=mask)
+    assert tiled.method == "global"
+    masked = tiled.status == PoiStatus.MASKED
+    assert masked[:, 0].all()
+    assert tiled.valid[~masked].mean() >= 0.8
+    both = tiled.valid & rendered.valid
+    u, v = displacement(*rendered.grid.mesh())
+    assert np.abs(tiled.u_px - u)[both].max() < 0.5
+    assert np.abs(tiled.v_px - v)[both].max() < 0.5
+
+
+def test_incremental_correlation_uses_it_where_subsets_find_too_few_points(rendered):
+    track = dic.begin(raster(1, moved=False, exposure=1), rendered.grid, SETTINGS)
+    first, _ = dic.advance(track, raster(1, moved=True, exposure=2), SETTINGS, 1)
+    assert first.method == "global"
+    np.testing.assert_array_equal(first.u_px, rendered.u_px)
 
 
 @pytest.mark.parametrize("method", ["auto", "global"])

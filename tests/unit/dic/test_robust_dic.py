@@ -10,8 +10,8 @@ import pytest
 from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
-from semlive.dic import banded
-from semlive.dic.banded import bands, correlate_tiled
+from semlive.dic.bands import correlate_tiled, guesses
+from semlive.dic.bands.image_pair import bands
 from semlive.dic.incremental import advance, begin
 from semlive.errors import BadInput
 
@@ -82,8 +82,8 @@ def test_very_large_frames_get_first_guesses_cell_by_cell(hard, monkeypatch):
     s = hard.moved(np.random.default_rng(3), 5.0)
     settings = DicSettings(step_px=12, roi_px=None)
     one = dic.match(s.first, s.second, settings=settings)
-    monkeypatch.setattr(banded, "MAX_UNDIVIDED_PX", 400)
-    monkeypatch.setattr(banded, "CELL_PX", 256)
+    monkeypatch.setattr(guesses, "MAX_UNDIVIDED_PX", 400)
+    monkeypatch.setattr(guesses, "CELL_PX", 256)
     assert dic.is_large(s.first.shape, one.grid)
     many = dic.match(s.first, s.second, settings=settings)
     assert np.mean(one.status == many.status) > 0.995
