@@ -123,6 +123,14 @@ class CsvLoadFile:
         values = {column.kind: _value(column, newest) for column in self._find_columns(newest.layout.columns)}
         return PartReading(force_n=values.get("force"), extension_mm=values.get("extension"), gage_strain=values.get("gage"))
 
+    def holds_numbers(self) -> bool:
+        """Whether the file holds a complete line of numbers.
+
+        Raises:
+            LinkError: if it cannot be read, or its line does not match its head.
+        """
+        return self._newest_line() is not None
+
     def identify(self) -> PartReading:
         """As `read`, which writes nothing."""
         return self.read()

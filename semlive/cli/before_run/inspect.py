@@ -18,7 +18,7 @@ from semlive.formats.vendors.png import is_png
 from semlive.formats.vendors.tiff import is_tiff
 from semlive.inputs.files import MAX_IMAGE_BYTES, read_regular
 from semlive.service.config.configuration import load_config
-from semlive.service.watch.sidecars import IMAGE_SUFFIXES, SIDECAR_SUFFIXES, sidecar_of
+from semlive.service.watch.sidecars import IMAGE_SUFFIXES, SIDECAR_SUFFIXES, sidecar_names, sidecar_of
 
 
 def inspect(
@@ -63,7 +63,8 @@ def _inspected(path: Path, profile: ScanProfile) -> Inspection:
 
 def _inspected_sidecar(path: Path, sidecar: bytes, mtime_ns: int, profile: ScanProfile) -> Inspection:
     """Scan parameters of a text file: those of its image, or of the text alone if the image does not exist."""
-    images = [image for image in path.parent.iterdir() if image.suffix.lower() in IMAGE_SUFFIXES and sidecar_of(image) == path]
+    name, others = path.name.casefold(), (image for image in path.parent.iterdir() if image.suffix.lower() in IMAGE_SUFFIXES)
+    images = [image for image in others if name in map(str.casefold, sidecar_names(image.name)) and sidecar_of(image) == path]
     if images:
         return _inspected(min(images), profile)
     inspection = inspect_sidecar(path.name, sidecar, mtime_ns, profile)

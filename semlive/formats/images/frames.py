@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,15 @@ from semlive.formats.vendors import fei, greyscale, hitachi, jeol, plain, png, t
 
 SIDECAR_VENDORS = ("jeol", "hitachi")
 """Vendors whose header is always in a sidecar, a text file with the name of the image."""
+
+_VENDOR_TAGS = {
+    tiff.Tag.FEI_HELIOS: "fei",
+    tiff.Tag.FEI_SFEG: "fei",
+    tiff.Tag.FEI_XML: "fei",
+    tiff.Tag.ZEISS: "zeiss",
+    tiff.Tag.TESCAN: "tescan",
+}
+_UNDERSTOOD = ("instrument", "width_px", "rows", "dwell_time_s", "row_time_s", "frame_time_s", "pixel_size_m", "embedded", "unread_time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,17 +68,35 @@ def parse_tiff(file: ExportedFile, directory: tiff.Directory) -> ParsedFile:
     """
     data = file.data
     width, rows = tiff.size_px(data, file.name, directory)
-    header = fei.read_header(data, directory) or zeiss.read_header(data, directory, width, rows) or tescan.read_header(data, directory)
-    return ParsedFile(file, header or _external_header(file), width, rows, directory)
+    header = (
+        fei.read_header(data, directory, file.mtime_ns)
+        or zeiss.read_header(data, directory, width, rows, file.mtime_ns)
+        or tescan.read_header(data, directory, file.mtime_ns)
+    )
+    notes = _unreadable_tag_notes(directory, header)
+    header = header or _external_header(file)
+    return ParsedFile(file, replace(header, notes=header.notes + notes) if notes else header, width, rows, directory)
+
+
+def _unreadable_tag_notes(directory: tiff.Directory, header: Header | None) -> tuple[str, ...]:
+    """Return a note if the file has a tag of a vendor but nothing in it was understood."""
+    present = [(code, vendor) for code, vendor in _VENDOR_TAGS.items() if code in directory.tags]
+    if not present or (header is not None and any(getattr(header, name) for name in _UNDERSTOOD)):
+        return ()
+    code, vendor = present[0]
+    return (f"its metadata in tag {code} of {vendor} cannot be read; export it again, or copy the original file.",)
 
 
 def _external_header(file: ExportedFile) -> Header:
-    return read_sidecar(file.sidecar or b"", file.mtime_ns) or plain.header()
+    header = read_sidecar(file.sidecar or b"", file.mtime_ns)
+    if header is None and file.sidecar:
+        return plain.header("the text file of its name is not that of a known microscope, so it is not used.")
+    return header or plain.header()
 
 
 def read_sidecar(sidecar: bytes, mtime_ns: int) -> Header | None:
     """Parse the text file of an image; None if no vendor writes such a file."""
-    return jeol.read_sidecar(sidecar) or tescan.read_sidecar(sidecar) or hitachi.read_sidecar(sidecar, mtime_ns)
+    return jeol.read_sidecar(sidecar, mtime_ns) or tescan.read_sidecar(sidecar, mtime_ns) or hitachi.read_sidecar(sidecar, mtime_ns)
 
 
 def read_info(file: ExportedFile, profile: ScanProfile) -> FrameInfo:

@@ -68,6 +68,8 @@ def inspect_file(file: ExportedFile, profile: ScanProfile) -> Inspection:
     height, values, gap = _values(file, header, width, rows, profile)
     if gap is not None:
         problems.append(gap)
+    if (no_time := frame_metadata.missing_time_message(file.name, header)) is not None:
+        problems.append(_without_name(file.name, no_time))
     finished, content = _content(parsed, height) if missing is None else (False, None)
     if content is not None:
         problems.append(content)
@@ -81,7 +83,7 @@ def inspect_file(file: ExportedFile, profile: ScanProfile) -> Inspection:
         acquired=_acquired(header, file),
         complete=finished and header.rows_scanned is None,
         problems=tuple(problems),
-        notes=header.notes + _advice(header, profile),
+        notes=header.notes + frame_metadata.unread_time_notes(header) + _advice(header, profile),
     )
 
 
@@ -103,7 +105,7 @@ def inspect_sidecar(name: str, sidecar: bytes, mtime_ns: int, profile: ScanProfi
         values=values,
         acquired=_acquired(header, file),
         problems=(no_image,) if gap is None else (no_image, gap),
-        notes=header.notes + _advice(header, profile),
+        notes=header.notes + frame_metadata.unread_time_notes(header) + _advice(header, profile),
     )
 
 

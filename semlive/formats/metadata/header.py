@@ -29,6 +29,7 @@ class Header:
         line_integrations: number of passes over each row that were integrated.
         pixel_size_m: edge of a pixel.
         embedded: date and time in the file.
+        unread_time: date and time as written in the file, if they were not understood; empty otherwise.
         column: settings of the microscope.
         refused: reason why the image must not be used, without the name of the file.
         notes: unusual properties, one sentence each.
@@ -49,6 +50,7 @@ class Header:
     line_integrations: Sourced[float] | None = None
     pixel_size_m: Sourced[float] | None = None
     embedded: Moment | None = None
+    unread_time: str = ""
     column: ColumnSettings = field(default_factory=ColumnSettings)
     refused: str | None = None
     notes: tuple[str, ...] = ()

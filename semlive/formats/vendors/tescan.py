@@ -13,28 +13,30 @@ from collections.abc import Mapping
 from semlive.data.frame import ColumnSettings
 from semlive.formats.metadata import key_value
 from semlive.formats.metadata.header import Header, from_file, text_from_file
-from semlive.formats.metadata.quantity import number, positive
-from semlive.formats.metadata.timestamps import dated
+from semlive.formats.metadata.quantity import number, positive, unread_notes
+from semlive.formats.metadata.timestamps import acquired
 from semlive.formats.vendors.tiff import Directory, Tag
 
 _MAX_BLOCKS = 64
 _SAME_EDGES = 1e-3
+_USED = ("ImageStripSize", "PixelSizeX", "PixelSizeY", "DwellTime", "AccFrames")
+"""Numbers without which another value is used."""
 
 
-def read_header(data: bytes, directory: Directory) -> Header | None:
+def read_header(data: bytes, directory: Directory, mtime_ns: int = 0) -> Header | None:
     """Return the header of a TESCAN file; None for other files."""
     raw = directory.raw(data, Tag.TESCAN)
     if raw is None:
         return None
     values = parse_tag(raw)
-    return header(values) if values else None
+    return header(values, mtime_ns) if values else None
 
 
-def read_sidecar(sidecar: bytes) -> Header | None:
+def read_sidecar(sidecar: bytes, mtime_ns: int = 0) -> Header | None:
     """Return the header from the ``.hdr`` file of an image; None for other files."""
     values = key_value.parse_equals_lines(key_value.decode_text(sidecar))
     required = {"PixelSizeX", "Device", "DwellTime", "ImageStripSize"} & values.keys()
-    return header(values) if len(required) >= 2 else None
+    return header(values, mtime_ns) if len(required) >= 2 else None
 
 
 def parse_tag(raw: bytes) -> dict[str, str]:
@@ -56,8 +58,9 @@ def parse_tag(raw: bytes) -> dict[str, str]:
     return values
 
 
-def header(values: Mapping[str, str]) -> Header:
-    """Return the metadata of the scan from the keys."""
+def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
+    """Return the metadata of the scan from the keys; the modification time decides between orders of day and month."""
+    time = acquired(values.get("Date", ""), values.get("Time", ""), "ymd", mtime_ns)
     strip = number(values.get("ImageStripSize"))
     x_m, y_m = positive(values.get("PixelSizeX")), positive(values.get("PixelSizeY"))
     uneven = x_m is not None and y_m is not None and abs(x_m - y_m) > _SAME_EDGES * x_m
@@ -69,7 +72,8 @@ def header(values: Mapping[str, str]) -> Header:
         dwell_time_s=from_file(positive(values.get("DwellTime"))),
         integrations=from_file(positive(values.get("AccFrames"))),
         pixel_size_m=from_file(x_m or y_m),
-        embedded=dated(values.get("Date", ""), "ymd", values.get("Time", "")),
+        embedded=time.moment,
+        unread_time=time.unread,
         column=ColumnSettings(
             detector=text_from_file(values.get("Detector") or values.get("Detector0", "")),
             voltage_v=from_file(positive(values.get("HV"))),
@@ -77,5 +81,7 @@ def header(values: Mapping[str, str]) -> Header:
             magnification=from_file(positive(values.get("Magnification"))),
             scan_rotation_deg=from_file(number(values.get("ScanRotation"))),
         ),
-        notes=(f"its pixels are not square: {x_m:g} m wide and {y_m:g} m high; the width is used.",) if uneven else (),
+        notes=((f"its pixels are not square: {x_m:g} m wide and {y_m:g} m high; the width is used.",) if uneven else ())
+        + unread_notes((key, values.get(key, "")) for key in _USED)
+        + time.notes,
     )
