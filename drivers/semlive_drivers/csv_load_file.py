@@ -18,7 +18,7 @@ from semlive_drivers.growing_table import GrowingTable, NewestLine
 from semlive_drivers.settings import checked
 from semlive_drivers.units import factor, unit_named
 
-_KINDS = {"force": ("N", "kN", "mN", "kg", "g", "t", "lbF"), "extension": ("mm", "um", "m", "in"), "gage": ("ustrain", "%", "1")}
+_KINDS = {"force": ("N", "kN", "mN", "daN", "kg", "g", "t", "lbF"), "extension": ("mm", "um", "m", "in"), "gage": ("ustrain", "%", "1")}
 
 
 class Column(BaseModel):
@@ -220,6 +220,11 @@ def _factor(kind: str, column: Column, head: HeadColumn) -> float:
     if head_unit and head_unit not in _KINDS[kind]:
         raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, which is no unit of {kind}; check columns and delimiter.")
     if "unit" not in column.model_fields_set:
+        if head.unit and not head_unit:
+            known = ", ".join(_KINDS[kind])
+            raise BadInput(
+                f"{{head}}: column {head.raw!r} is in {head.unit!r}, which is not known; state its unit in the settings ({known})."
+            )
         return factor(head_unit or "1", "csv column")
     if head_unit and column.unit != "1" and factor(column.unit, "csv column") != factor(head_unit, "csv column"):
         raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, but the settings state {column.unit}; correct one of them.")

@@ -9,6 +9,7 @@ FACTORS = {
     "N": 1.0,
     "kN": 1e3,
     "mN": 1e-3,
+    "daN": 10.0,
     "kg": 9.80665,
     "g": 9.80665e-3,
     "t": 9.80665e3,
@@ -29,7 +30,15 @@ FACTORS = {
     "%": 1e-2,
 }
 """N, mm, s, mm/s, N/s or strain of one unit; kg, g, t and lbF are forces."""
-_ALIASES = {name.lower(): name for name in FACTORS} | {"lb": "lbF", "lbs": "lbF", "kgf": "kg", "gf": "g", "newton": "N", "inch": "in"}
+_ALIASES = {name.lower(): name for name in FACTORS} | {
+    "lb": "lbF",
+    "lbs": "lbF",
+    "kgf": "kg",
+    "gf": "g",
+    "kp": "kg",
+    "newton": "N",
+    "inch": "in",
+}
 
 
 def factor(unit: str, where: str) -> float:

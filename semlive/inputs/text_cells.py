@@ -14,6 +14,7 @@ from semlive.inputs.text_number import is_lost
 LONGEST_LINE = 100_000
 """Characters."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
+_CONTROL = re.compile("[\x00-\x08\x0e-\x1f\ufffd]")
 _DECLARED = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
 _BRACKET = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
@@ -56,20 +57,40 @@ def text_of(data: bytes, where: str, encoding: str = "utf-8") -> str:
         BadInput: the data are not plain text.
     """
     start, encoding = encoding_of(data, encoding)
-    try:
-        text = data[start:].decode(encoding)
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{where}: is not plain text (byte {start + error.start}); export the table as CSV in UTF-8.") from error
-    if "\0" in text:
-        raise BadInput(f"{where}: is not plain text (it holds zero bytes); export the table as CSV in UTF-8.")
+    text = decoded(data[start:], encoding)
+    text = text.rstrip("\x1a")  # end of file of DOS programs
+    control = _CONTROL.search(text)
+    if control is not None:
+        raise BadInput(f"{where}: is not plain text (it holds the character {ord(control[0])}); export the table as CSV in UTF-8.")
     return text
 
 
+def decoded(data: bytes, encoding: str) -> str:
+    """Decode text; what is not UTF-8 is decoded in the western code page of Windows.
+
+    Digits, signs and separators have the same bytes in all code pages of Windows, so another code page changes names and remarks only.
+    """
+    if encoding == "utf-8":
+        try:
+            return data.decode(encoding)
+        except UnicodeDecodeError:
+            return data.decode("cp1252", errors="replace")
+    return data.decode(encoding, errors="replace")
+
+
 def encoding_of(data: bytes, encoding: str = "utf-8") -> tuple[int, str]:
-    """Return the length of the byte order mark at the beginning of a file, and the encoding of the mark, or else the given encoding."""
+    """Return the length of the byte order mark at the beginning of a file and the encoding of the file.
+
+    Without a mark, UTF-16 is detected by zero bytes in the first two characters; otherwise it is the given encoding.
+    """
     for mark, name in _MARKS:
         if data.startswith(mark):
             return len(mark), name
+    zeros = [byte == 0 for byte in data[:4]]
+    if zeros == [False, True, False, True]:
+        return 0, "utf-16-le"
+    if zeros == [True, False, True, False]:
+        return 0, "utf-16-be"
     return 0, encoding
 
 

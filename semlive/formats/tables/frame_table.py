@@ -85,7 +85,7 @@ def read_frame_table(data: bytes, where: str) -> tuple[FrameRow, ...]:
     """
     lines = lines_of(text_of(data, where))
     layout = layout_of(lines, where, _numeric_places)
-    keys = [column.key for column in layout.columns]
+    keys = _keys(layout.columns)
     at = {name: keys.index(key_of(name)) for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if key_of(name) in keys}
     rows: list[FrameRow] = []
     for number, line in enumerate(lines[layout.first_line - 1 :], layout.first_line):
@@ -106,14 +106,25 @@ def _numeric_places(columns: tuple[Column, ...]) -> tuple[int, ...]:
     Raises:
         BadInput: a column is missing or occurs twice.
     """
-    keys = [column.key for column in columns]
+    keys = _keys(columns)
     for name in REQUIRED_COLUMNS:
         if key_of(name) not in keys:
+            quantity, _, unit = name.rpartition("_")
+            for column in columns:
+                if column.unit and column.key == key_of(quantity):
+                    raise BadInput(f"{{head}}: column {column.raw} is in {column.unit}; give {name} in {unit}.")
             raise BadInput(f"{{head}}: column {name} is missing; add it (the columns are {', '.join(REQUIRED_COLUMNS)}).")
-    for column in columns:
-        if column.key and keys.count(column.key) > 1:
+    for column, key in zip(columns, keys, strict=True):
+        if key and keys.count(key) > 1:
             raise BadInput(f"{{head}}: column {column.name} occurs twice; keep one.")
     return tuple(keys.index(key_of(name)) for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if key_of(name) in keys and name != "phase")
+
+
+def _keys(columns: tuple[Column, ...]) -> list[str]:
+    """Return the keys of the columns; a unit in brackets counts as the end of a name: ``start (s)`` is start_s."""
+    names = {key_of(name) for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)}
+    with_units = (key_of(column.name + column.unit) for column in columns)
+    return [key if key in names else column.key for column, key in zip(columns, with_units, strict=True)]
 
 
 def _row(cells: Mapping[str, str], line: int, where: str, decimal: str) -> FrameRow:
