@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from semlive.errors import BadInput, LinkError, LinkRefused
+from semlive.inputs.text_number import Sign, sign_of
 from semlive.inputs.text_table import AmbiguousTable, Convention, key_of, number_in
 from semlive.inputs.text_table import Column as HeadColumn
 from semlive.ports import ClockSource
@@ -18,6 +20,7 @@ from semlive_drivers.growing_table import GrowingTable, NewestLine
 from semlive_drivers.settings import checked
 from semlive_drivers.units import factor, unit_named
 
+_THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(?:['\u2019 \u00a0\u202f.,][0-9]{2,3})+(?:[.,][0-9]*)?")
 _KINDS = {"force": ("N", "kN", "mN", "daN", "kg", "g", "t", "lbF"), "extension": ("mm", "um", "m", "in"), "gage": ("ustrain", "%", "1")}
 
 
@@ -244,6 +247,10 @@ def _value(column: _TableColumn, newest: NewestLine) -> float | None:
     if column.kind == "gage" and (number is not None or not any(letter.isdigit() for letter in text)):
         return None
     where = f"{newest.path} holds {text[:40]!r} in column {column.column.column}"
+    if number is not None:
+        raise LinkError(f"{where}, which is a lost value; check the sensor and the program that writes it")
+    if sign_of(text) is Sign.THOUSANDS or _THOUSANDS.fullmatch(text):
+        raise LinkError(f"{where}; switch the separator of thousands off in the program that writes it")
     raise LinkError(f"{where}, which is no reading; check columns, delimiter and decimal_comma")
 
 

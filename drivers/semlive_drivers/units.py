@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from semlive.errors import BadConfig
 
 FACTORS = {
@@ -57,7 +59,8 @@ def factor(unit: str, where: str) -> float:
     return FACTORS[name]
 
 
-_SPELLINGS = {"µm": "um", "μm": "um", "micron": "um", "µe": "ustrain", "µstrain": "ustrain", "microstrain": "ustrain", "µε": "ustrain"}
+_MICRO = re.compile(r"(?:[^\x00-\x7f]{1,3}|u)(m|e|ε|strain)|micro(n|strain)", re.IGNORECASE)
+"""A micro sign of any code page: no other prefix of these units is outside ASCII."""
 
 
 def unit_named(text: str) -> str:
@@ -68,4 +71,7 @@ def unit_named(text: str) -> str:
     # MN is not mN, and a capital M, G or T is no metre, gram or tonne.
     if lower == "mn" or len(text) == 1:
         return "N" if text == "n" else ""
-    return _SPELLINGS.get(lower, _ALIASES.get(lower, ""))
+    micro = _MICRO.fullmatch(lower)
+    if micro is not None:
+        return "um" if (micro[1] or micro[2]) in ("m", "n") else "ustrain"
+    return _ALIASES.get(lower, "")

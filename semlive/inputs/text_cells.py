@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import csv
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,19 +15,26 @@ from semlive.inputs.text_number import is_lost
 LONGEST_LINE = 100_000
 """Characters."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
-_CONTROL = re.compile("[\x00-\x08\x0e-\x1f\ufffd]")
+_CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _DECLARED = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
-_BRACKET = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
+_BRACKET = re.compile(r"(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _SLASH = re.compile(r"(.+?)\s+/\s+(\S+)")
+_BARE_UNIT = re.compile(
+    r"(.+?)(?:\s*[_:/]\s*|\s+in\s+|\s+)"
+    r"(n|kn|mn|un|µn|μn|nn|dan|kgf|lbf|kg|mm|um|µm|μm|nm|cm|s|sec|ms|px|pixels?|mpa|gpa|m/s|mm/s|um/s|mm/min|n/s|n/min)",
+    re.IGNORECASE,
+)
+"""A unit without brackets at the end of a name: ``force_kN``, ``Kraft in kN``, ``F/kN``; not ``Force min``, which may be a minimum."""
 _AFTER_COMMA = re.compile(r"(.+?)\s*,\s*(\S+)")
 _UNIT_WORDS = """
-n kn mn µn un nn kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s ms us min h hz v mv % ustrain 1 - px pixel pixels pix
+n kn mn µn un nn dan kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s sec secs second seconds ms us min h hz v mv % ustrain 1 - px pixel pixels pix
 mpa gpa pa °c c deg ° mm/s um/s µm/s n/s mm/min n/min
 """
 _UNITS = frozenset(_UNIT_WORDS.split())
 _NAMES_AS_WELL = frozenset(("t", "v", "c", "h"))
 _COMMENT = re.compile(r"\s*#(?!n/?a|nv|wert|value|div|ref|name|num|zahl)", re.IGNORECASE)
+_BEGINS_WITH_DIGIT = re.compile(r"\W*[0-9]")
 _NUMERIC = re.compile(r"[-+0-9.,eE\s]*[0-9][-+0-9.,eE\s]*")
 
 
@@ -57,7 +65,10 @@ def text_of(data: bytes, where: str, encoding: str = "utf-8") -> str:
         BadInput: the data are not plain text.
     """
     start, encoding = encoding_of(data, encoding)
-    text = decoded(data[start:], encoding)
+    try:
+        text = decoded(data[start:], encoding, "strict")
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{where}: is not plain text (byte {start + error.start}); export the table as CSV in UTF-8.") from error
     text = text.rstrip("\x1a")  # end of file of DOS programs
     control = _CONTROL.search(text)
     if control is not None:
@@ -65,17 +76,25 @@ def text_of(data: bytes, where: str, encoding: str = "utf-8") -> str:
     return text
 
 
-def decoded(data: bytes, encoding: str) -> str:
+def decoded(data: bytes, encoding: str, errors: str = "replace") -> str:
     """Decode text; what is not UTF-8 is decoded in the western code page of Windows.
 
     Digits, signs and separators have the same bytes in all code pages of Windows, so another code page changes names and remarks only.
+
+    Args:
+        data: bytes of the text.
+        encoding: its encoding; ``utf-8`` stands for a code page, too.
+        errors: ``replace`` or ``strict``, for other encodings.
+
+    Raises:
+        UnicodeDecodeError: the data are invalid and `errors` is ``strict``.
     """
     if encoding == "utf-8":
         try:
             return data.decode(encoding)
         except UnicodeDecodeError:
             return data.decode("cp1252", errors="replace")
-    return data.decode(encoding, errors="replace")
+    return data.decode(encoding, errors=errors)
 
 
 def encoding_of(data: bytes, encoding: str = "utf-8") -> tuple[int, str]:
@@ -96,6 +115,8 @@ def encoding_of(data: bytes, encoding: str = "utf-8") -> tuple[int, str]:
 
 def lines_of(text: str) -> list[str]:
     """Return the lines without their ends; only line feeds and carriage returns end a line."""
+    if "\n" not in text:
+        text = text.replace("\r", "\n")  # old Macintosh programs
     return [line.removesuffix("\r") for line in text.split("\n")]
 
 
@@ -153,8 +174,9 @@ def is_no_name(cell: str) -> bool:
 
 
 def is_line_of_units(cells: Sequence[str]) -> bool:
-    """Whether all cells are units, or empty."""
-    return any(cells) and all(not cell or (is_unit(cell) and cell != "1" and cell not in _NAMES_AS_WELL) for cell in cells)
+    """Whether a line below the names contains units: neither numbers nor marks of lost values, also if a unit is unknown."""
+    filled = [cell for cell in cells if cell]
+    return bool(filled) and not any(is_lost(cell) or _BEGINS_WITH_DIGIT.match(cell) for cell in filled)
 
 
 def is_line_of_numbers(cells: Sequence[str]) -> bool:
@@ -183,11 +205,12 @@ def _joined_units(names: Sequence[str]) -> list[str]:
 
 
 def _column(raw: str) -> Column:
-    for pattern in (_BRACKET, _SLASH):
-        match = pattern.fullmatch(raw)
+    plain = unicodedata.normalize("NFKC", raw)  # brackets of Chinese and Japanese texts
+    for pattern in (_BRACKET, _SLASH, _BARE_UNIT):
+        match = pattern.fullmatch(plain)
         if match is not None and match[1]:
             return Column(raw, match[1].strip(), match[2].strip())
-    match = _AFTER_COMMA.fullmatch(raw)
+    match = _AFTER_COMMA.fullmatch(plain)
     if match is not None and is_unit(match[2]):
         return Column(raw, match[1], match[2])
     return Column(raw, raw, "")

@@ -58,6 +58,8 @@ __all__ = [
     "text_of",
 ]
 
+_QUOTES = 100
+"""Weight of broken quotes in a possible line of names, more than that of a column that is missing below."""
 ColumnSelector = Callable[[tuple[Column, ...]], tuple[int, ...]]
 """Returns the places of the columns of numbers that a caller requires; raises BadInput if the head does not name them (``{head}`` is its
 line)."""
@@ -146,7 +148,7 @@ def _readings(
     try:
         head = split(lines[start], separator)
     except ValueError as error:
-        raise Misfit(0, BadInput(f"{at}: its quotes are broken ({error}); write it as CSV.")) from error
+        raise Misfit(_QUOTES, BadInput(f"{at}: its quotes are broken ({error}); write it as CSV.")) from error
     names, head_line, data_from = head, start + 1, start + 1
     if is_line_of_numbers(head):
         names, head_line = names_above(lines, start, separator, len(head))
