@@ -28,7 +28,8 @@ _BARE_UNIT = re.compile(
 """A unit without brackets at the end of a name: ``force_kN``, ``Kraft in kN``, ``F/kN``; not ``Force min``, which may be a minimum."""
 _AFTER_COMMA = re.compile(r"(.+?)\s*,\s*(\S+)")
 _UNIT_WORDS = """
-n kn mn µn un nn dan kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s sec secs second seconds ms us min h hz v mv % ustrain 1 - px pixel pixels pix
+n kn mn µn un nn dan kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s sec secs second seconds ms us min h hz v mv %
+ustrain 1 - px pixel pixels pix
 mpa gpa pa °c c deg ° mm/s um/s µm/s n/s mm/min n/min
 """
 _UNITS = frozenset(_UNIT_WORDS.split())
@@ -206,11 +207,8 @@ def _joined_units(names: Sequence[str]) -> list[str]:
 
 def _column(raw: str) -> Column:
     plain = unicodedata.normalize("NFKC", raw)  # brackets of Chinese and Japanese texts
-    for pattern in (_BRACKET, _SLASH, _BARE_UNIT):
+    for pattern in (_BRACKET, _SLASH, _AFTER_COMMA, _BARE_UNIT):
         match = pattern.fullmatch(plain)
-        if match is not None and match[1]:
+        if match is not None and match[1] and (pattern is not _AFTER_COMMA or is_unit(match[2])):
             return Column(raw, match[1].strip(), match[2].strip())
-    match = _AFTER_COMMA.fullmatch(plain)
-    if match is not None and is_unit(match[2]):
-        return Column(raw, match[1], match[2])
     return Column(raw, raw, "")
