@@ -19,7 +19,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -439,7 +439,7 @@ def main() -> int:
     while campaign.next < until:
         campaign.run(min(campaign.next + 1000, until))
         if options.state is not None:
-            options.state.write_text(json.dumps(asdict(campaign)), encoding="utf-8")
+            options.state.write_text(json.dumps(vars(campaign)), encoding="utf-8")
     sys.stdout.write(f"{campaign.next - campaign.first} tables in {campaign.seconds:.0f} s: {dict(campaign.verdicts)}; ")
     sys.stdout.write(f"maps {dict(campaign.maps)}; of {campaign.plain.total()} plain ones {dict(campaign.plain)}\n")
     if options.write:

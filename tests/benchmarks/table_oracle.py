@@ -153,4 +153,4 @@ def _reading(
 
 
 def _is_lost(cells: Sequence[str]) -> bool:
-    return any(cells) and all(cell.lower() in LOST for cell in cells)
+    return any(cell and cell.lower() in LOST for cell in cells)
