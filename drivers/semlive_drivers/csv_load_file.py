@@ -248,7 +248,7 @@ def _value(column: _TableColumn, newest: NewestLine) -> float | None:
         return None
     where = f"{newest.path} holds {text[:40]!r} in column {column.column.column}"
     if number is not None:
-        raise LinkError(f"{where}, which is a lost value; check the sensor and the program that writes it")
+        raise LinkError(f"{where}, which is no reading but a lost value; check the sensor and the program that writes it")
     if sign_of(text) is Sign.THOUSANDS or _THOUSANDS.fullmatch(text):
         raise LinkError(f"{where}; switch the separator of thousands off in the program that writes it")
     raise LinkError(f"{where}, which is no reading; check columns, delimiter and decimal_comma")

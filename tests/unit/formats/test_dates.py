@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 import tifffile
+from babel import Locale
 
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
@@ -110,9 +111,8 @@ def test_no_date_is_no_problem_of_the_date() -> None:
 
 
 def test_names_of_months_are_those_of_cldr() -> None:
-    babel = pytest.importorskip("babel")
     for language in LANGUAGES:
-        months = babel.Locale(language).months
+        months = Locale(language).months
         for context in ("format", "stand-alone"):
             for width in ("abbreviated", "wide"):
                 for month, name in months[context][width].items():

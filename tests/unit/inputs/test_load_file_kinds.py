@@ -81,7 +81,7 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "thousands of Switzerland": (utf8("Zeit;Force;Ext\n0.1;1’134.2;0.5\n"), "switch the separator of thousands off"),
     "thousands of India": (b'Time,Force,Ext\n0.1,"1,13,134.2",0.5\n', "switch the separator of thousands off"),
     "three digits with two meanings": (b"Force;Ext\n134,200;1,500\n", "'134,200' may mean 134.200 or 134200"),
-    "a lost value": (b"Time,Force,Ext\n0.1,-nan(ind),0.5\n", "holds '-nan(ind)' in column Force, which is a lost value"),
+    "a lost value": (b"Time,Force,Ext\n0.1,-nan(ind),0.5\n", "holds '-nan(ind)' in column Force, which is no reading but a lost value"),
     "an overload": (b"Time,Force,Ext\n0.1,OVL,0.5\n", "holds 'OVL' in column Force, which is no reading"),
     "units in the cells": (b"Time,Force,Ext\n0.1 s,134.2 N,0.5 mm\n", "may mean '134.2 N' and '0.5 mm'"),
     "two columns of one name": (b"Time,Force,Force,Ext\n0.1,134.2,1.2,0.5\n", "column 'Force' exists 2 times"),
