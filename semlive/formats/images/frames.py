@@ -24,6 +24,15 @@ _VENDOR_TAGS = {
     tiff.Tag.ZEISS: "zeiss",
     tiff.Tag.TESCAN: "tescan",
 }
+_OTHER_FORMATS = {
+    b"\xff\xd8\xff": "JPEG",
+    b"BM": "BMP",
+    b"GIF8": "GIF",
+    b"\0\0\0\x0cjP": "JPEG 2000",
+    b"RIFF": "WebP",
+    b"%PDF": "PDF",
+    b"PK": "ZIP",
+}
 _UNDERSTOOD = ("instrument", "width_px", "rows", "dwell_time_s", "row_time_s", "frame_time_s", "pixel_size_m", "embedded", "unread_time")
 
 
@@ -55,9 +64,15 @@ def parse_file(file: ExportedFile) -> ParsedFile:
     if tiff.is_tiff(file.data):
         return parse_tiff(file, tiff.first_directory(file.data, file.name))
     if not png.is_png(file.data):
-        raise BadImage(f"{file.name}: is neither TIFF nor PNG; set the microscope's export to TIFF.")
+        raise BadImage(f"{file.name}: {other_format(file.data)}is neither TIFF nor PNG; set the microscope's export to TIFF.")
     width, rows = png.size_px(file.data, file.name)
     return ParsedFile(file, _external_header(file), width, rows)
+
+
+def other_format(data: bytes) -> str:
+    """Return the clause ``is a JPEG file, so it `` for an image of another format; empty if the format is not known."""
+    name = next((name for mark, name in _OTHER_FORMATS.items() if data.startswith(mark)), "")
+    return f"is a {name} file, so it " if name else ""
 
 
 def parse_tiff(file: ExportedFile, directory: tiff.Directory) -> ParsedFile:
@@ -162,7 +177,7 @@ def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None 
         return str(error).removeprefix(f"{file.name}: ").rstrip(".")
     header, width, rows = parsed.header, parsed.width_px, parsed.rows
     if vendor is not None and header.vendor != vendor:
-        return f"it has no header of {vendor}" + (" in a text file of the same name" if vendor in SIDECAR_VENDORS else "")
+        return missing_header(vendor)
     if header.width_px not in (None, width) or header.rows not in (None, rows):
         return f"it is {width} x {rows} px, but its header describes another image"
     if parsed.directory is None:
@@ -170,6 +185,11 @@ def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None 
     bar = rows - int(header.height_px) if header.height_px else header.databar_rows or profile.databar_rows or 0
     zeros = tiff.zero_rows(file.data, parsed.directory, rows - bar)
     return f"its last {zeros} rows are zero" if zeros >= 2 else None
+
+
+def missing_header(vendor: str) -> str:
+    """Return the clause about a file without the header of its vendor."""
+    return f"it has no header of {vendor}" + (" in a text file of the same name" if vendor in SIDECAR_VENDORS else "")
 
 
 def ends_like_partial_file(data: bytes) -> bool:

@@ -10,7 +10,7 @@ from semlive.data.scan import Provenance, Sourced
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.images import frame_metadata
-from semlive.formats.images.frames import ParsedFile, check_complete, parse_file, read_pixels, read_sidecar
+from semlive.formats.images.frames import ParsedFile, check_complete, missing_header, parse_file, read_pixels, read_sidecar
 from semlive.formats.metadata.header import Header
 from semlive.formats.vendors import greyscale
 
@@ -47,12 +47,13 @@ class Inspection:
     notes: tuple[str, ...] = ()
 
 
-def inspect_file(file: ExportedFile, profile: ScanProfile) -> Inspection:
+def inspect_file(file: ExportedFile, profile: ScanProfile, vendor: str | None = None) -> Inspection:
     """Inspect an image file.
 
     Args:
         file: the file, with its sidecar if there is one.
         profile: configured values for metadata that the file lacks.
+        vendor: vendor whose header a run requires; None for any.
     """
     try:
         parsed = parse_file(file)
@@ -65,6 +66,8 @@ def inspect_file(file: ExportedFile, profile: ScanProfile) -> Inspection:
         problems.append(f"is incomplete: {missing}; wait until it is written, or export it again.")
     if header.refused is not None:
         problems.append(header.refused)
+    if vendor is not None and header.vendor != vendor:
+        problems.append(f"{missing_header(vendor)}, which sem.vendor requires; export it with its metadata, or correct sem.vendor.")
     height, values, gap = _values(file, header, width, rows, profile)
     if gap is not None:
         problems.append(gap)

@@ -82,7 +82,7 @@ def _newest_image(path: Path, config: Config) -> Finding:
     except OSError as error:
         return Finding("newest image", f"{path.name}: cannot be read ({error.strerror})", Verdict.UNKNOWN, "check the permissions")
     file = ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar)
-    inspection = inspect_file(file, config.sem.scan_profile)
+    inspection = inspect_file(file, config.sem.scan_profile, config.sem.vendor)
     problems = list(inspection.problems)
     if not problems and (unfinished := check_finished(file, config.sem.scan_profile, config.sem.vendor)) is not None:
         problems.append(unfinished)

@@ -10,6 +10,7 @@ import tifffile
 
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
+from semlive.formats import check_finished
 from semlive.formats.images.inspection import inspect_file
 from semlive.formats.metadata.key_value import decode_text
 from semlive.formats.metadata.quantity import number, quantity
@@ -77,3 +78,17 @@ def test_a_number_that_is_not_understood_is_noted() -> None:
     jeol_header = jeol.read_sidecar(b"$CM_FORMAT JEOL/EO\r\n$$SM_MICRON_BAR 53\r\n$$SM_MICRON_MARKER 100 parsec\r\n")
     assert jeol_header is not None
     assert "its $$SM_MICRON_MARKER '100 parsec' was not understood." in jeol_header.notes
+
+
+def test_inspect_predicts_that_a_run_refuses_another_vendor() -> None:
+    [problem] = inspect_file(exported(), PROFILE, "jeol").problems
+    assert problem.startswith("it has no header of jeol in a text file of the same name, which sem.vendor requires")
+    assert check_finished(exported(), PROFILE, "jeol") == problem.partition(",")[0]
+    assert inspect_file(exported(), PROFILE, "plain").problems == ()
+
+
+@pytest.mark.parametrize(("data", "name"), [(b"\xff\xd8\xff\xe0", "JPEG"), (b"BM12", "BMP"), (b"GIF89a", "GIF")])
+def test_the_format_of_an_image_that_a_run_does_not_take_is_named(data: bytes, name: str) -> None:
+    file = ExportedFile(0, "a.tif", data + bytes(100), "", 10**18, 10**18)
+    [problem] = inspect_file(file, PROFILE).problems
+    assert problem == f"is a {name} file, so it is neither TIFF nor PNG; set the microscope's export to TIFF."
