@@ -55,7 +55,7 @@ class Column:
 
     @property
     def key(self) -> str:
-        """The name for comparisons, which ignore letter case, blanks and underscores."""
+        """The name for comparisons, which ignore letter case, blanks, hyphens and underscores."""
         return key_of(self.name)
 
 
@@ -123,7 +123,7 @@ def lines_of(text: str) -> list[str]:
 
 def key_of(name: str) -> str:
     """Return a name for comparisons."""
-    return re.sub(r"[\s_]+", "", name).casefold()
+    return re.sub(r"[\s_-]+", "", name).casefold()
 
 
 def split(line: str, separator: str) -> list[str]:

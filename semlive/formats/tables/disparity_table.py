@@ -88,6 +88,7 @@ DIALECTS = {
         TableDialect("semlive-dic", XYUV, ("sigma_u", "sigma_v"), "status", 0.5, True),
         TableDialect("vic2d", XYUV, ("sigma", "sigma"), "sigma", 0.0, False),
         TableDialect("dice", ("coordinate_x", "coordinate_y", "displacement_x", "displacement_y"), ("sigma", "sigma"), "sigma", 0.0, False),
+        TableDialect("other", XYUV, None, "valid", 0.5, False),
         TableDialect("opencorr", XYUV, None, "zncc", 0.0, False),
         TableDialect("pyvale", ("subset_x", "subset_y", "displacement_u", "displacement_v"), None, "converged", 0.5, False),
     )
@@ -194,7 +195,7 @@ def _dialect(columns: tuple[Column, ...], name: str | None) -> TableDialect:
     for column, key in zip(columns, keys, strict=True):
         if key in _IN_PIXELS and column.unit and column.unit.casefold() not in PIXELS:
             raise BadInput(f"{{head}}, column {column.name}: is in {column.unit[:20]!r}; export it in pixels.")
-    kind = DIALECTS[name or _detected_dialect(keys)]
+    kind = DIALECTS[name or _detected_dialect(keys, [column.key for column in columns])]
     required = [*kind.place, *([kind.mark] if kind.mark != "valid" else [])]
     for column_name in required:
         if key_of(column_name) not in keys:
@@ -230,7 +231,8 @@ def _keys(columns: tuple[Column, ...]) -> list[str]:
     return keys
 
 
-def _detected_dialect(keys: list[str]) -> str:
+def _detected_dialect(keys: list[str], names: list[str]) -> str:
+    """Return the dialect of a map by the keys of its columns, and by their own names, which differ for other programs."""
     if "coordinatex" in keys and "displacementx" in keys:
         return "dice"
     if "subsetx" in keys:
@@ -239,7 +241,9 @@ def _detected_dialect(keys: list[str]) -> str:
         return "semlive-dic"
     if "zncc" in keys and "convergence" in keys:
         return "opencorr"
-    return "vic2d" if "sigma" in keys and "sigmau" not in keys else "semlive"
+    if "sigma" in keys and "sigmau" not in keys:
+        return "vic2d"
+    return "semlive" if all(name in names for name in XYUV) else "other"
 
 
 def _words_to_numbers(body: str, kind: TableDialect) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from semlive.data.experiment import Phase
 from semlive.errors import BadInput
+from semlive.inputs.text_number import is_lost
 from semlive.inputs.text_table import Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
 
 FORMAT_VERSION = 1
@@ -112,7 +113,7 @@ def _numeric_places(columns: tuple[Column, ...]) -> tuple[int, ...]:
             quantity, _, unit = name.rpartition("_")
             for column in columns:
                 if column.unit and column.key == key_of(quantity):
-                    raise BadInput(f"{{head}}: column {column.raw} is in {column.unit}; give {name} in {unit}.")
+                    raise BadInput(f"{{head}}: column {column.raw} is in {column.unit}; give {name} in {unit.replace('n', 'N')}.")
             raise BadInput(f"{{head}}: column {name} is missing; add it (the columns are {', '.join(REQUIRED_COLUMNS)}).")
     for column, key in zip(columns, keys, strict=True):
         if key and keys.count(key) > 1:
@@ -205,7 +206,7 @@ class _Line:
         return int(value)
 
     def number_or_none(self, column: str) -> float | None:
-        return self.number(column) if (self.cells.get(column) or "").strip() else None
+        return None if is_lost((self.cells.get(column) or "").strip()) else self.number(column)
 
 
 def _check_together(rows: list[FrameRow], where: str) -> None:

@@ -207,3 +207,11 @@ def test_a_vector_file_of_davis_is_read() -> None:
 
 def test_old_line_ends_are_read() -> None:
     assert read_disparity_table(DIALECTS["semlive"].replace(b"\n", b"\r"), "a").u_px[0] == U[0]
+
+
+def test_other_programs_may_leave_lost_points_out() -> None:
+    names = NAMES["muDIC"]
+    found = laid(text(names, PLACES, skip=True))
+    assert int(found.valid.sum()) == X.size - 1
+    with pytest.raises(BadInput, match="points of the grid are missing"):
+        laid(text("x,y,u,v", PLACES, skip=True))
