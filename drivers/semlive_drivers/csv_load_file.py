@@ -224,9 +224,9 @@ def _factor(kind: str, column: Column, head: HeadColumn) -> float:
         raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, which is no unit of {kind}; check columns and delimiter.")
     if "unit" not in column.model_fields_set:
         if head.unit and not head_unit:
-            known = ", ".join(_KINDS[kind])
+            units = ", ".join(_KINDS[kind])
             raise BadInput(
-                f"{{head}}: column {head.raw!r} is in {head.unit!r}, which is not known; state its unit in the settings ({known})."
+                f"{{head}}: column {head.raw!r} is in {head.unit!r}, which is not known; state its unit in the settings ({units})."
             )
         return factor(head_unit or "1", "csv column")
     if head_unit and column.unit != "1" and factor(column.unit, "csv column") != factor(head_unit, "csv column"):

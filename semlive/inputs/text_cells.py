@@ -20,7 +20,7 @@ _DECLARED = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
 _BRACKET = re.compile(r"(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _SLASH = re.compile(r"(.+?)\s+/\s+(\S+)")
-_BARE_UNIT = re.compile(
+_FINAL_UNIT = re.compile(
     r"(.+?)(?:\s*[_:/]\s*|\s+in\s+|\s+)"
     r"(n|kn|mn|un|µn|μn|nn|dan|kgf|lbf|kg|mm|um|µm|μm|nm|cm|s|sec|ms|px|pixels?|mpa|gpa|m/s|mm/s|um/s|mm/min|n/s|n/min)",
     re.IGNORECASE,
@@ -84,7 +84,7 @@ def decoded(data: bytes, encoding: str, errors: str = "replace") -> str:
 
     Args:
         data: bytes of the text.
-        encoding: its encoding; ``utf-8`` stands for a code page, too.
+        encoding: its encoding; ``utf-8`` includes the western code page.
         errors: ``replace`` or ``strict``, for other encodings.
 
     Raises:
@@ -207,7 +207,7 @@ def _joined_units(names: Sequence[str]) -> list[str]:
 
 def _column(raw: str) -> Column:
     plain = unicodedata.normalize("NFKC", raw)  # brackets of Chinese and Japanese texts
-    for pattern in (_BRACKET, _SLASH, _AFTER_COMMA, _BARE_UNIT):
+    for pattern in (_BRACKET, _SLASH, _AFTER_COMMA, _FINAL_UNIT):
         match = pattern.fullmatch(plain)
         if match is not None and match[1] and (pattern is not _AFTER_COMMA or is_unit(match[2])):
             return Column(raw, match[1].strip(), match[2].strip())

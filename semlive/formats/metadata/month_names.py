@@ -42,18 +42,18 @@ _LETTERS = str.maketrans({"ß": "ss", "ł": "l", "ı": "i", "đ": "d", "ø": "o"
 _MIN_PREFIX = 3
 
 
-def folded(word: str) -> str:
-    """Return a word in lower case without accents."""
-    decomposed = unicodedata.normalize("NFKD", word.casefold().translate(_LETTERS))
+def folded(text: str) -> str:
+    """Return a text in lower case without accents."""
+    decomposed = unicodedata.normalize("NFKD", text.casefold().translate(_LETTERS))
     return "".join(letter for letter in decomposed if not unicodedata.combining(letter)).strip(". ")
 
 
-def months_named(word: str) -> tuple[int, ...]:
-    """Return the months, from 1, that a word may name: several if languages differ (``lis`` is October or November), none if unknown.
+def months_named(text: str) -> tuple[int, ...]:
+    """Return the months, from 1, that a name may mean: several if languages differ (``lis`` is October or November), none if unknown.
 
-    A name may be shortened to three letters or more. A replacement character stands for one letter of an unknown code page.
+    A name may be shortened to three letters or more. A replacement character matches one letter of an unknown code page.
     """
-    name = folded(word)
+    name = folded(text)
     exact = tuple(month for month, names in enumerate(MONTH_NAMES, 1) if name in names)
     if exact:
         return exact
@@ -61,7 +61,7 @@ def months_named(word: str) -> tuple[int, ...]:
         pattern = re.compile("".join("." if letter in "?\ufffd" else re.escape(letter) for letter in name))
         found = {month for month, names in enumerate(MONTH_NAMES, 1) if any(map(pattern.fullmatch, names))}
     elif len(name) >= _MIN_PREFIX:
-        found = {month for month, names in enumerate(MONTH_NAMES, 1) if any(known.startswith(name) for known in names)}
+        found = {month for month, names in enumerate(MONTH_NAMES, 1) if any(month_name.startswith(name) for month_name in names)}
     else:
         return ()
     return tuple(found) if len(found) == 1 else ()
