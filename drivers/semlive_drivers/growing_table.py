@@ -12,6 +12,8 @@ from semlive.inputs.text_table import ColumnSelector, Convention, Layout, decode
 
 _WINDOW_BYTES = 65_536
 """Bytes at the beginning in which the head is searched, and at the end in which the newest line is searched."""
+_CONTINUATION_BYTES = bytes(range(0x80, 0xC0))
+"""Bytes within a character of UTF-8."""
 _MAX_HEAD_LINES = 200
 """Lines in which the names of columns are searched: programs write a description of the test above them."""
 
@@ -71,7 +73,9 @@ class GrowingTable:
         if self._layout is None:
             return None
         end = _end_of_lines(window, width)
-        text = decoded(window[0 if offset else mark : end], encoding)
+        # The window may begin within a character, which would not be UTF-8.
+        complete = window[:end].lstrip(_CONTINUATION_BYTES) if offset and width == 1 else window[0 if offset else mark : end]
+        text = decoded(complete, encoding)
         # The window may begin within a line.
         lines = lines_of(text)[1 if offset else 0 : -1]
         if not lines:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterator
 
 _NAMES = """
 ene enero gen gennaio ian ianuarie jan janeiro janner januar januara januari january janv janvier led leden ledna oca ocak sij
@@ -40,6 +41,8 @@ MONTH_NAMES: tuple[frozenset[str], ...] = tuple(frozenset(names.split()) for nam
 """Names of each month, from January, as `folded` returns them."""
 _LETTERS = str.maketrans({"ß": "ss", "ł": "l", "ı": "i", "đ": "d", "ø": "o"})
 _MIN_PREFIX = 3
+_CODE_PAGES = ("cp1250", "cp1251", "cp1253", "cp1254", "cp1257")
+"""Of central Europe, Cyrillic, Greek, Turkish, Baltic."""
 
 
 def folded(text: str) -> str:
@@ -54,7 +57,8 @@ def months_named(text: str) -> tuple[int, ...]:
     A name may be shortened to three letters or more. A replacement character matches one letter of an unknown code page.
     """
     name = folded(text)
-    exact = tuple(month for month, names in enumerate(MONTH_NAMES, 1) if name in names)
+    spellings = {name, *map(folded, _in_other_code_pages(text))}
+    exact = tuple(month for month, names in enumerate(MONTH_NAMES, 1) if names & spellings)
     if exact:
         return exact
     if "?" in name or "\ufffd" in name:
@@ -65,6 +69,15 @@ def months_named(text: str) -> tuple[int, ...]:
     else:
         return ()
     return tuple(found) if len(found) == 1 else ()
+
+
+def _in_other_code_pages(text: str) -> Iterator[str]:
+    """Yield a text whose bytes were decoded in the western code page, decoded in other code pages of Windows."""
+    for code_page in () if text.isascii() else _CODE_PAGES:
+        try:
+            yield text.encode("cp1252").decode(code_page)
+        except UnicodeError:
+            continue
 
 
 def repaired(text: str) -> str:

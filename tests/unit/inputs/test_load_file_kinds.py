@@ -128,3 +128,10 @@ def test_a_file_without_numbers_is_open_before_a_run(tmp_path: Path) -> None:
     finding = check_load_file("cell", CsvSettings.model_validate({"file": tmp_path / "load.csv", "force": {"column": "Force"}}), Clock())
     assert finding.verdict is Verdict.UNKNOWN
     assert "no line of numbers yet" in finding.observation
+
+
+@pytest.mark.parametrize("shift", range(4))
+def test_a_long_file_with_a_typographic_minus_is_read_at_its_end(tmp_path: Path, shift: int) -> None:
+    rows = "−1,5;0,5;−−−−−\n" * 6000
+    reading = opened(tmp_path / "load.csv", ("Force;Ext;Note" + "x" * shift + "\n" + rows).encode()).read()
+    assert (reading.force_n, reading.extension_mm) == (-1.5, 0.5)
