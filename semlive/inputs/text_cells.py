@@ -8,6 +8,7 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from semlive.errors import BadInput
 from semlive.inputs.text_number import is_lost
@@ -121,6 +122,7 @@ def lines_of(text: str) -> list[str]:
     return [line.removesuffix("\r") for line in text.split("\n")]
 
 
+@lru_cache(4096)
 def key_of(name: str) -> str:
     """Return a name for comparisons."""
     return re.sub(r"[\s_-]+", "", name).casefold()

@@ -84,7 +84,9 @@ def readings(data: bytes, wanted: Sequence[str | int], head_lines: int = MAX_HEA
         wanted: names of columns, or numbers from 1.
         head_lines: number of first lines that may be the line of names.
     """
-    lines = [line[:-1] if line.endswith("\r") else line for line in decoded(data).split("\n")]
+    text = decoded(data)
+    lines = [line[:-1] if line.endswith("\r") else line for line in text.split("\n")]
+    conventions = [(decimal, thousands) for decimal, thousands in CONVENTIONS if thousands in text]
     found: set[Reading] = set()
     for separator in SEPARATORS:
         split = [
@@ -93,8 +95,8 @@ def readings(data: bytes, wanted: Sequence[str | int], head_lines: int = MAX_HEA
         ]
         for start in range(-1, min(head_lines, len(lines))):
             for places, width in _heads(lines, split, start, wanted):
-                for decimal, thousands in CONVENTIONS:
-                    if thousands == separator or (decimal == separator and '"' not in "".join(lines)):
+                for decimal, thousands in conventions:
+                    if thousands == separator or (decimal == separator and '"' not in text):
                         continue
                     reading = _reading(lines, split, start, places, width, decimal, thousands)
                     if reading:
