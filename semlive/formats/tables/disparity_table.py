@@ -265,7 +265,7 @@ def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDi
     last = max((place for place in range(first, len(lines)) if not is_blank(lines[place])), default=first - 1)
     body = lines[first : last + 1]
     if (values := _parse_uniform_lines(body, layout, at, kind)) is not None:
-        return _without_empty(values, np.arange(layout.first_line, layout.first_line + len(values)))
+        return _without_empty(values, np.arange(layout.first_line, layout.first_line + len(values)), layout.first_line)
     rows, numbers = [], []
     for number, line in enumerate(body, layout.first_line):
         if is_blank(line):
@@ -274,13 +274,13 @@ def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDi
         layout = layout.after(cells)
         rows.append([_number(cells, index, name, kind, at, layout, number) for name, index in at.items()])
         numbers.append(number)
-    return _without_empty(np.array(rows).reshape(-1, len(at)), np.array(numbers))
+    return _without_empty(np.array(rows).reshape(-1, len(at)), np.array(numbers, dtype=np.int64), layout.first_line)
 
 
-def _without_empty(values: Values, numbers: NDArray[np.int64]) -> tuple[Values, NDArray[np.int64] | None]:
+def _without_empty(values: Values, numbers: NDArray[np.int64], first_line: int) -> tuple[Values, NDArray[np.int64] | None]:
     """Return the points without lines that hold neither position nor displacement, and the line numbers if some are left out."""
     full = ~np.isnan(values[:, :4]).all(axis=1)
-    consecutive = bool(full.all()) and (len(numbers) == 0 or int(numbers[-1] - numbers[0]) == len(numbers) - 1)
+    consecutive = bool(full.all()) and bool((numbers == np.arange(first_line, first_line + len(numbers))).all())
     return values[full], None if consecutive else numbers[full]
 
 

@@ -215,3 +215,9 @@ def test_other_programs_may_leave_lost_points_out() -> None:
     assert int(found.valid.sum()) == X.size - 1
     with pytest.raises(BadInput, match="points of the grid are missing"):
         laid(text("x,y,u,v", PLACES, skip=True))
+
+
+def test_a_blank_line_below_the_names_does_not_shift_the_lines() -> None:
+    lines = text("x,y,u,v", PLACES, skip=True).decode().splitlines()
+    table = read_disparity_table("\n".join([lines[0], "", *lines[1:]]).encode(), "a")
+    assert str(table.error(0, 0, "is wrong", "correct it")).startswith("a: line 3, ")
