@@ -21,6 +21,7 @@ from semlive.inputs.text_cells import (
     encoding_of,
     is_blank,
     is_line_of_numbers,
+    is_unit,
     key_of,
     lines_of,
     separator_declared,
@@ -156,7 +157,11 @@ def _readings(
     elif start and any(is_whole(cell) or sign_of(cell) is not Sign.NONE for cell in head):
         # Below a first line that did not fit, a line that contains a number is not a line of names.
         raise Misfit(0, BadInput(f"{at}: is no line of names; write one above the numbers."))
+    named_from = data_from
     columns, data_from = with_units(columns_of(names or [""] * len(head), separator), lines, data_from, separator)
+    if separator == "," and data_from > named_from and not all(is_unit(column.unit) for column in columns) and not _needs_names(select):
+        message = f"{where}: line {data_from}: may hold units or names; name the columns, or specify the separator."
+        raise Misfit(DEFINITE, AmbiguousTable(message))
     rows = number_rows(lines, data_from, separator)
     columns = without_trailing(columns, rows)
     try:

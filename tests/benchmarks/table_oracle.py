@@ -90,7 +90,7 @@ def readings(data: bytes, wanted: Sequence[str | int], head_lines: int = MAX_HEA
     found: set[Reading] = set()
     for separator in SEPARATORS:
         split = [
-            None if not line.strip(" \t;,") else cells_of(line.lstrip("#").strip() if line[:1] == "#" else line, separator)
+            None if not line.strip(" \t;,") else cells_of(line.lstrip("#").strip(" ") if line[:1] == "#" else line, separator)
             for line in lines
         ]
         for start in range(-1, min(head_lines, len(lines))):
