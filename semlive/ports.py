@@ -10,11 +10,45 @@ Drivers that ask a person do so at a desk; desks are objects, found by the entry
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
 from semlive.data.checks import Finding, FrameCheck
 from semlive.data.loading import DeviceIdentity, LoadSample, StageKind, StageSample
-from semlive.data.operator_prompts import OperatorPrompt
+
+
+class PromptEvent(StrEnum):
+    """Event of the dialogue with the operator."""
+
+    MESSAGE = "told"
+    PROMPT = "asked"
+    RESPONSE = "answered"
+    WITHDRAWN = "taken_back"
+
+
+class ResponseType(StrEnum):
+    """Form of the response to a prompt."""
+
+    CONFIRMATION = "confirmation"
+    LOAD_N = "load_n"
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorPrompt:
+    """One event of the dialogue with the operator.
+
+    Attributes:
+        kind: message, prompt, response or withdrawal.
+        text: content, one line.
+        question: number of the prompt; None for messages.
+        response_type: form of the response.
+    """
+
+    kind: PromptEvent
+    text: str
+    question: int | None = None
+    response_type: ResponseType = ResponseType.CONFIRMATION
 
 
 @runtime_checkable

@@ -8,7 +8,6 @@ from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
 from semlive.data.loading import DeviceFault, MotionState
-from semlive.ports import ClockSource
 
 
 class PartCommand(StrEnum):
@@ -196,12 +195,4 @@ class OrderHolder(Protocol):
 
     def recall(self, order: PartCommand, values: Mapping[str, float]) -> None:
         """Compare the device from now on with an order of an earlier process; sends nothing and never raises."""
-        ...
-
-
-class PartFactory(Protocol):
-    """Function that opens a part."""
-
-    def __call__(self, settings: Mapping[str, object], clock: ClockSource) -> Part:
-        """Open the part; raises BadConfig, LinkRefused or LinkError."""
         ...

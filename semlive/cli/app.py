@@ -11,8 +11,8 @@ from typing import Annotated
 import typer
 
 from semlive.cli.lazy import CommandEntry, group_of
-from semlive.data.text import printable
 from semlive.errors import BadInput, SemliveError
+from semlive.inputs.printable import printable
 
 _HELP = """Live drift- and distortion-corrected strain measurement inside a scanning electron microscope.
 

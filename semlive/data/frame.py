@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from semlive.data.grid import Grid
 from semlive.data.scan import ScanTiming, Sourced
+from semlive.data.scan_geometry import ScanGeometry
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +84,7 @@ class FrameInfo:
         start_anchor: instant that the embedded time is assumed to mark: ``start``, ``end`` or ``save``.
         embedded_time_ns: embedded time by the clock of the microscope's computer, read as UTC; None if the file has none.
         notes: messages about unusual properties of the file.
+        geometry: settings of the scan that change the geometry of the image.
     """
 
     export: int
@@ -99,6 +101,7 @@ class FrameInfo:
     start_anchor: str = "end"
     embedded_time_ns: int | None = None
     notes: tuple[str, ...] = ()
+    geometry: ScanGeometry = field(default_factory=ScanGeometry)
 
     @property
     def origin(self) -> FrameOrigin:

@@ -193,6 +193,7 @@ class ScanProfile:
         save_delay_s: delay from the end of a scan to the time in the file, for ``save``.
         field_width_mm_at_1x: calibrated width of the field at magnification 1; gives the pixel size of files without it.
         speeds: scan times by scan speed; they take precedence over the values above.
+        page: which image of a TIFF file with several images is the frame, from 1; None if each file contains one frame.
     """
 
     start_anchor: str = "end"
@@ -206,8 +207,11 @@ class ScanProfile:
     save_delay_s: float = 0.0
     field_width_mm_at_1x: float | None = None
     speeds: tuple[ScanSpeed, ...] = ()
+    page: int | None = None
 
     def __post_init__(self) -> None:
+        if self.page is not None and self.page < 1:
+            raise ValueError(f"page must be at least 1, not {self.page}")
         if self.start_anchor not in ("start", "end", "save"):
             raise ValueError(f"start_anchor must be start, end or save, not {self.start_anchor}")
         if not self.start_sigma_s >= 0:

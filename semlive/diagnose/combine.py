@@ -20,7 +20,7 @@ COINCIDENCE_S = 10.0  # time resolution of the maps: a subset of 43 rows takes 4
 
 def add_row_verdict(maps: Diagnosis, rows: RowDiagnosis) -> Diagnosis:
     """Combine the verdict of the maps with that of the rows."""
-    return _combine(replace(maps, rows=rows), rows, rows.gap)
+    return _combine(replace(maps, images=replace(maps.images, rows=rows)), rows, rows.gap)
 
 
 def add_intensity_verdict(verdict: Diagnosis, grey: IntensityDiagnosis) -> Diagnosis:
@@ -29,7 +29,7 @@ def add_intensity_verdict(verdict: Diagnosis, grey: IntensityDiagnosis) -> Diagn
     Unexplained intensity changes are attributed to charging if the maps identified it. A jump of the maps that coincides with a flash is
     attributed to charging.
     """
-    verdict = replace(verdict, grey=grey)
+    verdict = replace(verdict, images=replace(verdict.images, grey=grey))
     if grey.outcome is Outcome.UNKNOWN and {effect.name for effect in verdict.effects} & set(_CHARGING_EFFECTS):
         return _combine(verdict, replace(grey, outcome=Outcome.IDENTIFIED if grey.effects else Outcome.NONE))
     flash = next((effect for effect in grey.effects if effect.name == CHARGING_JUMP.name), None)

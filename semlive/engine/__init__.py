@@ -13,6 +13,7 @@ from semlive.engine.commands import (
     TriggerFrame,
 )
 from semlive.engine.engine import start, step
+from semlive.engine.event_handlers import changed_since
 from semlive.engine.events import (
     CalibrationAssessed,
     CommandAcknowledged,
@@ -36,7 +37,6 @@ from semlive.engine.events import (
     StageReading,
     Tick,
 )
-from semlive.engine.operator_commands import changed_since
 from semlive.engine.resume import InterruptedRun, RampOrder
 from semlive.engine.state import EngineState, RunStatus, progress
 from semlive.engine.states import FINAL_STATES, Cause, InvalidTransition, State

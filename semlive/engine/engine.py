@@ -13,14 +13,13 @@ from semlive.data.loading import LoadSample, MotionState, StageSample
 from semlive.engine import events as ev
 from semlive.engine.commands import Command, StopMotion
 from semlive.engine.context import StepContext
-from semlive.engine.device_events import device_stopped, links_ready, load_reading, open_links, stage_reading
+from semlive.engine.event_handlers import device_stopped, links_ready, load_reading, open_links, operator_command, stage_reading
 from semlive.engine.events import Device, Event
 from semlive.engine.frame_selection import frame_scanned, frame_unreadable, select_pair
 from semlive.engine.gates import calibration, warm_up
 from semlive.engine.limits import plan_problem
 from semlive.engine.load_history import LoadHistory
 from semlive.engine.motion import continue_motion, hold, settle, start_step
-from semlive.engine.operator_commands import operator_command
 from semlive.engine.resume import InterruptedRun
 from semlive.engine.state import AnalysisResults, Devices, EngineState, Gates, HoldProgress, Imaging
 from semlive.engine.states import FINAL_STATES, Cause, State

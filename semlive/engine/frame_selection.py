@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.pair import PairDecision
+from semlive.data.scan_geometry import geometry_difference
 from semlive.engine.commands import AcceptPair, RejectFrame, TriggerFrame
 from semlive.engine.context import StepContext
 from semlive.engine.load_history import frame_load
@@ -115,7 +116,7 @@ def _early_reason(state: EngineState, info: FrameInfo) -> str:
 
 
 def difference(a: FrameInfo, b: FrameInfo) -> str | None:
-    """Return the first difference in size, timing or column settings of two frames, as a clause; None if there is none."""
+    """Return the first difference in size, timing, column or scan settings of two frames, as a clause; None if there is none."""
     if (a.width_px, a.height_px) != (b.width_px, b.height_px):
         return f"{b.width_px} x {b.height_px} px instead of {a.width_px} x {a.height_px}"
     if a.timing.integrations.value != b.timing.integrations.value:
@@ -130,7 +131,7 @@ def difference(a: FrameInfo, b: FrameInfo) -> str | None:
     ):
         if not abs(value_b - value_a) <= _RELATIVE_TOLERANCE * abs(value_a):
             return f"{quantity} {value_b:g} {unit} instead of {value_a:g} {unit}"
-    return _column_difference(a.column, b.column)
+    return _column_difference(a.column, b.column) or geometry_difference(a.geometry, b.geometry)
 
 
 def _column_difference(a: ColumnSettings, b: ColumnSettings) -> str | None:

@@ -10,7 +10,7 @@ from semlive.estimate.joint.outputs.correction_strain import (
     strain_change,
 )
 from semlive.estimate.joint.outputs.drift_forecast import forecast
-from semlive.estimate.joint.outputs.point_sigma import correction_sigma, correction_sigmas
+from semlive.estimate.joint.outputs.point_sigma import correction_sigmas
 from semlive.estimate.joint.outputs.results import consistency_notes, correction, current_drift_rate, mean_strain_covariance, to_estimate
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive.estimate.joint.solution.solver import solve, solve_incremental, solve_live, solve_newest
@@ -21,7 +21,6 @@ __all__ = [
     "Solution",
     "consistency_notes",
     "correction",
-    "correction_sigma",
     "correction_sigmas",
     "correction_strain",
     "correction_strain_sigma",

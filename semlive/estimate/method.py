@@ -15,9 +15,9 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.notes import Note
 from semlive.data.settings import EstimateSettings
-from semlive.data.storage import Storage
 from semlive.data.strain import Tensor2
 from semlive.estimate import sutton
+from semlive.estimate.storage import Storage
 from semlive.estimate.sutton.results import CorrectionStrain as SuttonCorrectionStrain
 
 MethodState = joint.EstimatorState | sutton.SuttonState

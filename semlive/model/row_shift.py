@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from semlive.model.effect import Axis, Columns, FrameObservation
 from semlive.model.splines import UniformSpline
 
@@ -62,7 +59,3 @@ class RowShiftEffect:
             return ()
         index, value = self.over_y.local(observation.y_px)
         return (Columns(Axis.X, self.part(observation.frame).start + index, value),)
-
-    def frame_px(self, frame: int, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(each,) shifts of a frame at the knots."""
-        return parameters[self.part(frame)]

@@ -11,9 +11,9 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.settings import AnalysisSettings
-from semlive.data.storage import IN_MEMORY, Storage
 from semlive.data.strain import ElasticConstants, StrainGageComparison, StrainSummary, Tensor2
 from semlive.estimate.method import METHODS, Method, MethodCorrectionStrain, MethodSolution, MethodState
+from semlive.estimate.storage import IN_MEMORY, Storage
 from semlive.pipeline.effect_correction import EffectCorrection
 
 NO_CORRECTION = EffectCorrection(0)

@@ -158,9 +158,9 @@ def _residual(pictures: DiagnosisFigureData) -> str:
 
 
 def _rows(diagnosis: Diagnosis) -> str:
-    rows = diagnosis.rows
+    rows = diagnosis.images.rows
     if rows is None:
-        return f"<p>{html.escape(diagnosis.rows_unavailable or 'Rows were not analysed.')}</p>"
+        return f"<p>{html.escape(diagnosis.images.no_rows or 'Rows were not analysed.')}</p>"
     gap = "" if rows.gap is None else _gap(rows.gap)
     about = (
         f"{rows.pairs} pairs of {rows.rows} rows, uncertainty {rows.noise_px:.4f} px per row. Columns resolve frequencies that rows "
@@ -170,9 +170,9 @@ def _rows(diagnosis: Diagnosis) -> str:
 
 
 def _grey(diagnosis: Diagnosis) -> str:
-    grey = diagnosis.grey
+    grey = diagnosis.images.grey
     if grey is None:
-        return f"<p>{html.escape(diagnosis.intensity_unavailable or 'Grey levels were not analysed.')}</p>"
+        return f"<p>{html.escape(diagnosis.images.no_grey or 'Grey levels were not analysed.')}</p>"
     unexplained = f" Unexplained: {grey.unexplained}." if grey.unexplained else ""
     about = (
         f"{grey.frames} frames in {grey.blocks} blocks fixed to the specimen, relative to the first pair: mean {grey.mean_levels:.0f}, "

@@ -114,9 +114,9 @@ class LogBroadcaster:
         view, live = self._published, not self._tail.finished and not self._reading
         same_boot = view.clock is not None and view.boot_id == self._boot_id != ""
         running = live and view.clock is not None and same_boot
-        now_ns = view.clock.time_ns(time.monotonic_ns()) if running and view.clock else view.last_ns
+        now_ns = view.clock.time_ns(time.monotonic_ns()) if running and view.clock else view.earlier.last_ns
         return {
-            "time_s": seconds(view, max(now_ns, view.last_ns)),
+            "time_s": seconds(view, max(now_ns, view.earlier.last_ns)),
             "rate": view.clock.rate if running and view.clock else 0.0,
             "start_ms": view.run.start_ns // 1_000_000 if view.run else 0,
             "live": live,
@@ -138,7 +138,7 @@ class LogBroadcaster:
             except BadLog as error:
                 self._trouble = str(error)
                 self._closed.wait(1.0)
-            if self._reading and self._view.last_ns:
+            if self._reading and self._view.earlier.last_ns:
                 self._reading = False
                 self._schedule(loop, state_diff(self._published, self._view))
             self._publish_changes(loop)

@@ -272,17 +272,30 @@ class Maps:
 
 
 @dataclass(frozen=True, slots=True)
+class EarlierMessages:
+    """Values of earlier messages that are needed to process the next ones.
+
+    Attributes:
+        frame_loads: mean load of each frame of a pair, N.
+        last_ns: time at which the last message was recorded, ns.
+        raised: alarms of the log, from which `PageState.alarms` is made.
+        warnings: warnings of the log, from which `PageState.alarms` is made.
+    """
+
+    frame_loads: dict[int, float] = field(default_factory=dict)
+    last_ns: int = 0
+    raised: Alarms = field(default_factory=Alarms)
+    warnings: tuple[Notice, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class PageState:
     """Contents of the page, and values that are needed to process the next messages.
 
     Attributes:
-        frame_loads: mean load of each frame of a pair, N.
         clock: current linear relation of experiment time and monotonic clock.
         boot_id: identity of the boot of the computer to which the monotonic clock refers.
-        last_ns: time at which the last message was recorded, ns.
         alarms: alarms and warnings in the order shown, oldest first.
-        raised: alarms of the log, from which `alarms` is made.
-        warnings: warnings of the log, from which `alarms` is made.
     """
 
     run: Run | None = None
@@ -297,9 +310,6 @@ class PageState:
     desk: OperatorPanel = OperatorPanel()
     frames: Frames = Frames()
     maps: Maps = Maps()
-    frame_loads: dict[int, float] = field(default_factory=dict)
     clock: Clock | None = None
     boot_id: str = ""
-    last_ns: int = 0
-    raised: Alarms = field(default_factory=Alarms)
-    warnings: tuple[Notice, ...] = ()
+    earlier: EarlierMessages = field(default_factory=EarlierMessages)

@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
-from semlive.data.operator_prompts import PromptEvent
-from semlive.data.text import printable
 from semlive.engine import FINAL_STATES, Cause, OperatorCommand, State
 from semlive.errors import BadInput
 from semlive.formats.log import conversions as values
@@ -26,6 +24,8 @@ from semlive.formats.log.messages import (
     from_json,
 )
 from semlive.formats.log.reader import LogMessage
+from semlive.inputs.printable import printable
+from semlive.ports import PromptEvent
 from semlive.service.config.configuration import parse_config
 from semlive.service.log import alarms as alarm_rules
 from semlive.service.log.alarms import Alarm, AlarmLevel
@@ -47,13 +47,13 @@ def reduce(view: PageState, message: LogMessage) -> PageState:
     Raises:
         BadLog: the message does not have the form of its topic.
     """
-    view = replace(view, last_ns=message.log_time_ns)
+    view = replace(view, earlier=replace(view.earlier, last_ns=message.log_time_ns))
     if message.topic not in _FOLLOWED or message.topic not in TOPICS:
         return view
     payload = from_json(message.topic, message.payload)
     view = _FOLLOWED[message.topic](view, payload)
-    raised = alarm_rules.after(view.raised, payload)
-    return view if raised is view.raised else _with_notices(replace(view, raised=raised))
+    raised = alarm_rules.after(view.earlier.raised, payload)
+    return view if raised is view.earlier.raised else _with_notices(replace(view, earlier=replace(view.earlier, raised=raised)))
 
 
 def with_maps(view: PageState, fields: Fields) -> PageState:
@@ -180,19 +180,20 @@ def _line(view: PageState, message: LogLineMessage) -> PageState:
 
 
 def _offset(view: PageState, message: ClockOffsetMessage) -> PageState:
-    return _warned(view, view.last_ns, "warning", message.reason, message.advice) if message.advice else view
+    return _warned(view, view.earlier.last_ns, "warning", message.reason, message.advice) if message.advice else view
 
 
 def _warned(view: PageState, time_ns: int, level: str, text: str, what_to_do: str) -> PageState:
     notice = Notice(seconds(view, time_ns), level, printable(text), what_to_do)
-    return _with_notices(replace(view, warnings=(*view.warnings, notice)[-_MAX_WARNINGS:]))
+    warnings = (*view.earlier.warnings, notice)[-_MAX_WARNINGS:]
+    return _with_notices(replace(view, earlier=replace(view.earlier, warnings=warnings)))
 
 
 def _with_notices(view: PageState) -> PageState:
     """Merge alarms and warnings; an open alarm about a disobeyed stop is shown regardless of later entries."""
-    alarms = view.raised.listed
+    alarms = view.earlier.raised.listed
     shown = (*(notice for notice in alarms[:-_MAX_ALARMS] if notice.disobeyed and not notice.acknowledged), *alarms[-_MAX_ALARMS:])
-    notices = sorted((*view.warnings, *(_notice(view, alarm) for alarm in shown)), key=lambda notice: notice.time_s)
+    notices = sorted((*view.earlier.warnings, *(_notice(view, alarm) for alarm in shown)), key=lambda notice: notice.time_s)
     return replace(view, alarms=tuple(notices))
 
 
@@ -215,7 +216,7 @@ def _only_alarms(view: PageState, _: object) -> PageState:
 
 
 def _file(view: PageState, message: FileMessage) -> PageState:
-    frames, time_s = view.frames, seconds(view, view.last_ns)
+    frames, time_s = view.frames, seconds(view, view.earlier.last_ns)
     name = printable(message.name)
     if message.decision == "arrived":
         return replace(view, frames=replace(frames, newest=message.export, name=name, time_s=time_s, arrived=frames.arrived + 1))
@@ -232,7 +233,8 @@ def _pair(view: PageState, message: PairMessage) -> PageState:
     loads = {2 * message.pair + member: load.mean_n for member, load in enumerate(message.loads or ())}
     panel = replace(view.desk, told="") if view.desk.told else view.desk
     schedule = replace(view.schedule, done=done)
-    return replace(view, schedule=schedule, frames=frames, desk=panel, frame_loads={**view.frame_loads, **loads})
+    earlier = replace(view.earlier, frame_loads={**view.earlier.frame_loads, **loads})
+    return replace(view, schedule=schedule, frames=frames, desk=panel, earlier=earlier)
 
 
 def _operator(view: PageState, message: OperatorMessage) -> PageState:

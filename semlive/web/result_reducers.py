@@ -66,7 +66,7 @@ def _strain(view: PageState, message: StrainMessage) -> PageState:
     axial, transverse = ("exx", "eyy") if view.run is not None and view.run.loading_axis == "x" else ("eyy", "exx")
     pair = message.frame // 2
     area_mm2 = None if view.run is None else view.run.area_mm2
-    load_n = view.frame_loads.get(message.frame)
+    load_n = view.earlier.frame_loads.get(message.frame)
     point = StrainPoint(
         message.frame,
         view.schedule.done[pair].phase.value if pair < len(view.schedule.done) else "",

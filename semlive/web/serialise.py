@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, is_dataclass
-from typing import Any
 
 from semlive.web.downsampled_series import DownsampledSeries, LoadRow
-from semlive.web.page_state import Drift, PageState
+from semlive.web.page_state import Drift, PageState, Schedule
 
 PARTS = ("run", "schedule", "protocol", "reading", "drift", "quality", "strength", "alarms", "desk", "frames", "maps")
 
 
-def full_state(view: PageState) -> dict[str, Any]:
+def full_state(view: PageState) -> dict[str, object]:
     """Return all parts."""
     return {**{name: _part(view, name) for name in PARTS}, "load": {"from": 0, **_load(view.load, 0)}}
 
 
-def state_diff(before: PageState, now: PageState) -> dict[str, Any]:
+def state_diff(before: PageState, now: PageState) -> dict[str, object]:
     """Return the parts that differ; of the load series, the new rows."""
     parts = {name: _part(now, name) for name in PARTS if getattr(before, name) is not getattr(now, name)}
     if before.load is not now.load:
@@ -26,7 +25,7 @@ def state_diff(before: PageState, now: PageState) -> dict[str, Any]:
     return parts
 
 
-def to_json_line(content: dict[str, Any]) -> str:
+def to_json_line(content: dict[str, object]) -> str:
     """Return one line of JSON.
 
     Raises:
@@ -35,11 +34,11 @@ def to_json_line(content: dict[str, Any]) -> str:
     return json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
-def _part(view: PageState, name: str) -> Any:
+def _part(view: PageState, name: str) -> object:
     part = getattr(view, name)
     if isinstance(part, Drift):
         return {**_shallow(part), "frames": [{"frame": drift.frame, "rows": drift.rows} for drift in part.frames]}
-    if name == "schedule":
+    if isinstance(part, Schedule):
         done, measures = part.done, part.measures
         ahead = part.planned[len([step for step in done if not step.warm_up]) :]
         more = (asdict(ahead[0]) | {"warm_up": True, "load_n": None, "phase": "calibration"},) if measures and ahead else ()
@@ -47,17 +46,17 @@ def _part(view: PageState, name: str) -> Any:
     return _plain(part)
 
 
-def _plain(part: Any) -> Any:
+def _plain(part: object) -> object:
     if isinstance(part, tuple):
         return [_plain(item) for item in part]
     return asdict(part) if is_dataclass(part) and not isinstance(part, type) else part
 
 
-def _shallow(part: Any) -> dict[str, Any]:
+def _shallow(part: Drift) -> dict[str, object]:
     return {name: getattr(part, name) for name in part.__dataclass_fields__}
 
 
-def _load(trace: DownsampledSeries, sent_rows: int) -> dict[str, Any]:
+def _load(trace: DownsampledSeries, sent_rows: int) -> dict[str, object]:
     rows = [*trace.rows[sent_rows:], *([trace.current_bin] if trace.current_bin else [])]
     return {"rows": [_row(row) for row in rows]}
 

@@ -12,8 +12,7 @@ from semlive.errors import BadConfig
 from semlive.inputs.files import read_regular
 from semlive.inputs.yaml_text import MOST_BYTES, read_yaml
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.distortion import Distortion
-from semlive_simulators.effects.distortion_shapes import named
+from semlive_simulators.effects.distortion import Distortion, named
 from semlive_simulators.effects.drift import Drift
 from semlive_simulators.effects.library import build_effects
 from semlive_simulators.exporters.settings import Export

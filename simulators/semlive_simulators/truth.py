@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ FIELD_PX = 50.0
 
 def frame_truth(
     scenario: Scenario, file: str, start_time_ns: int, start_s: float, motion: Motion, load_mean_n: float, moving: bool
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """The truth of one frame.
 
     Args:
@@ -40,7 +39,7 @@ def frame_truth(
     middle_s = np.array([start_s + 0.5 * scenario.frame_duration_s])
     middle = scenario.effects.moved(Instants(middle_s, start_s, 0, scenario.scan, motion))
     gradient = middle.gradient[0]
-    truth: dict[str, Any] = {
+    truth: dict[str, object] = {
         "file": file,
         "start_time_ns": start_time_ns,
         "row_time_s": scenario.scan.row_time_s,
@@ -61,7 +60,7 @@ def frame_truth(
     }
 
 
-def distortion_truth(scenario: Scenario) -> dict[str, Any]:
+def distortion_truth(scenario: Scenario) -> dict[str, object]:
     """True distortion on a grid of about 25 px that includes the edges of the frame."""
     scan = scenario.scan
     x_px = np.linspace(0, scan.width_px - 1, max(2, round(scan.width_px / GRID_PX) + 1))
@@ -70,7 +69,7 @@ def distortion_truth(scenario: Scenario) -> dict[str, Any]:
     return {"x_px": x_px.tolist(), "y_px": y_px.tolist(), "ex_px": offset_px[..., 0].tolist(), "ey_px": offset_px[..., 1].tolist()}
 
 
-def drift_truth(scenario: Scenario, start_ns: int, now_ns: int, history: History = EMPTY_HISTORY) -> dict[str, Any]:
+def drift_truth(scenario: Scenario, start_ns: int, now_ns: int, history: History = EMPTY_HISTORY) -> dict[str, object]:
     """True drift every 5 s from the start of the run up to now, without jumps."""
     count = max(0, int((now_ns - start_ns) * 1e-9 / DRIFT_EVERY_S)) + 2
     time_s = np.asarray(np.arange(count) * DRIFT_EVERY_S, dtype=np.float64)
@@ -95,7 +94,7 @@ class TruthRecorder:
         self._history = EMPTY_HISTORY
         self._distortion = json.dumps(distortion_truth(scenario))
 
-    def add_frame(self, frame: dict[str, Any], history: History) -> None:
+    def add_frame(self, frame: dict[str, object], history: History) -> None:
         """Store the truth of a frame, and the history of the specimen up to it."""
         self._history = history
         self._frames.append(json.dumps(frame))

@@ -39,7 +39,7 @@ STATES = 8
 
 def children() -> set[int]:
     """Processes that this one started."""
-    return {int(one) for path in Path("/proc/self/task").iterdir() for one in (path / "children").read_text().split()}
+    return {int(item) for path in Path("/proc/self/task").iterdir() for item in (path / "children").read_text().split()}
 
 
 def measure(pairs: int, frames: int, folder: Path) -> dict[str, object]:
@@ -81,9 +81,9 @@ def main() -> int:
     options = parser.parse_args()
     began_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
-        told = measure(options.pairs, options.frames, Path(folder))
-    sys.stdout.write(json.dumps(told | {"wall_s": round(time.monotonic() - began_s)}) + "\n")
-    control = told["control"]
+        reported = measure(options.pairs, options.frames, Path(folder))
+    sys.stdout.write(json.dumps(reported | {"wall_s": round(time.monotonic() - began_s)}) + "\n")
+    control = reported["control"]
     assert isinstance(control, dict)
     return int(control["mb_per_1000_pairs"] > max(1.0, 3.0 * control["standard_error"]))
 

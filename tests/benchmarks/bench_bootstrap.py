@@ -38,15 +38,15 @@ LEVELS = (0.01, 0.05, 0.1, 0.2, 0.5)
 
 def linear(seed: int) -> list[float]:
     """The loudest of each draw."""
-    bare = noise_scaled_baseline(observed(Conditions(seed), (), GRID))
-    heard = with_draws(bare, score_candidates(bare, FAMILIES), NullDraws.of(bare, DRAWS, seed))
-    return [float(one) for one in np.max([one.null for one in heard], axis=0)]
+    plain = noise_scaled_baseline(observed(Conditions(seed), (), GRID))
+    received = with_draws(plain, score_candidates(plain, FAMILIES), NullDraws.of(plain, DRAWS, seed))
+    return [float(item) for item in np.max([item.null for item in received], axis=0)]
 
 
 def refitted(seed: int, number: int) -> float:
     """The loudest where all is measured and estimated again."""
-    bare = noise_scaled_baseline(observed(Conditions(seed, noise_seed=NOISE + 1000 * (seed - FIRST_SEED) + number), (), GRID))
-    return max(one.log_factor for one in score_candidates(bare, FAMILIES))
+    plain = noise_scaled_baseline(observed(Conditions(seed, noise_seed=NOISE + 1000 * (seed - FIRST_SEED) + number), (), GRID))
+    return max(item.log_factor for item in score_candidates(plain, FAMILIES))
 
 
 def said(drawn: dict[int, list[float]], found: dict[int, list[float]]) -> str:
@@ -58,9 +58,9 @@ def said(drawn: dict[int, list[float]], found: dict[int, list[float]]) -> str:
         refits = found.get(seed, [])
         if not refits:
             continue
-        cells = [f"{np.quantile(one, share):.2f}" for share in (0.5, 0.9, 1.0) for one in (draws, refits)]
+        cells = [f"{np.quantile(item, share):.2f}" for share in (0.5, 0.9, 1.0) for item in (draws, refits)]
         lines.append(f"| {seed} | {len(refits)} | " + " | ".join(cells) + f" | {ks_2samp(draws, refits).pvalue:.2f} |")
-        p_values += [(1.0 + sum(one >= refit for one in draws)) / (1.0 + len(draws)) for refit in refits]
+        p_values += [(1.0 + sum(item >= refit for item in draws)) / (1.0 + len(draws)) for refit in refits]
     shares = ", ".join(f"{100 * np.mean(np.array(p_values) <= level):.0f} % at {100 * level:g} %" for level in LEVELS)
     return "\n".join([*lines, "", f"Of {len(p_values)} refits p is at most as stated in {shares}."]) + "\n"
 
@@ -73,23 +73,23 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("refits"))
     parser.add_argument("--shard", default="1/1", help="k/n: every n-th refit from the k-th on")
     parser.add_argument("--score", action="store_true", help="refit nothing")
-    asked = parser.parse_args()
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    own, shards = (int(one) for one in asked.shard.split("/"))
-    path = asked.folder / f"refits-{own}-of-{shards}.jsonl"
-    done = {(one["seed"], one["number"]) for one in _kept(asked.folder)}
-    wanted = [(FIRST_SEED + seed, number) for number in range(-1, asked.refits) for seed in range(asked.seeds)]
-    for seed, number in [] if asked.score else wanted[own - 1 :: shards]:
+    requests = parser.parse_args()
+    requests.folder.mkdir(parents=True, exist_ok=True)
+    own, shards = (int(item) for item in requests.shard.split("/"))
+    path = requests.folder / f"refits-{own}-of-{shards}.jsonl"
+    done = {(item["seed"], item["number"]) for item in _kept(requests.folder)}
+    required = [(FIRST_SEED + seed, number) for number in range(-1, requests.refits) for seed in range(requests.seeds)]
+    for seed, number in [] if requests.score else required[own - 1 :: shards]:
         if (seed, number) not in done:
             value = linear(seed) if number < 0 else refitted(seed, number)
             with path.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps({"seed": seed, "number": number, "loudest": value}) + "\n")
     drawn, found = dict[int, list[float]](), dict[int, list[float]]()
-    for one in _kept(asked.folder):
-        if one["number"] < 0:
-            drawn[one["seed"]] = one["loudest"]
+    for item in _kept(requests.folder):
+        if item["number"] < 0:
+            drawn[item["seed"]] = item["loudest"]
         else:
-            found.setdefault(one["seed"], []).append(one["loudest"])
+            found.setdefault(item["seed"], []).append(item["loudest"])
     sys.stdout.write(said(drawn, found))
 
 

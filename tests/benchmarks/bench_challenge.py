@@ -186,16 +186,16 @@ def main() -> None:
     parser.add_argument("--patterns", type=int, default=3)
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
     parser.add_argument("--subsets", type=int, nargs="+", default=SUBSETS)
-    asked = parser.parse_args()
-    spot_px = 1.2 if asked.fine else 2.0
+    requests = parser.parse_args()
+    spot_px = 1.2 if requests.fine else 2.0
     star = Star(1600, 161)
-    speckles = [Speckle(star.width, star.height, spot_px=spot_px, seed=21 + k) for k in range(asked.patterns)]
-    for name in asked.variants:
+    speckles = [Speckle(star.width, star.height, spot_px=spot_px, seed=21 + k) for k in range(requests.patterns)]
+    for name in requests.variants:
         options = VARIANTS[name]
-        sys.stdout.write(f"\n{name}; noise {asked.noise:.0f} grey, speckle {3.33 * spot_px:.1f} px\n\n")
+        sys.stdout.write(f"\n{name}; noise {requests.noise:.0f} grey, speckle {3.33 * spot_px:.1f} px\n\n")
         sys.stdout.write("| subset px | resolution px | theory px | noise px | floor px | stated px | MEI px^2 | converged % |\n")
         sys.stdout.write("|---|---|---|---|---|---|---|---|\n")
-        for r in star_lines(star, speckles, tuple(asked.subsets), asked.noise, asked.draws, options):
+        for r in star_lines(star, speckles, tuple(requests.subsets), requests.noise, requests.draws, options):
             sys.stdout.write(
                 f"| {r.subset_px} | {r.resolution_px:.0f} | {theory_px(r.subset_px):.0f} | {r.noise_px:.4f} | {r.predicted_px:.4f} | "
                 f"{r.stated_px:.4f} | {r.efficiency_px2:.3f} | {100 * r.converged:.1f} |\n"

@@ -183,14 +183,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="of the noise of the exposure that did not move")
     parser.add_argument("--engines", nargs="+", help="some of them, by the first word or all of their name")
     parser.add_argument("--subsets", type=int, nargs="+", default=SUBSETS)
-    asked = parser.parse_args()
-    python = interpreter(asked.environments, "pyvale")
+    requests = parser.parse_args()
+    python = interpreter(requests.environments, "pyvale")
     package = subprocess.run([python, "-c", FIND], check=True, capture_output=True, text=True).stdout.strip()
     images = Path(package) / "data" / "dic" / "challenge"
     reference, moved = (tifffile.imread(images / f"DIC_Challenge_Star_Noise_{which}.tiff") for which in ("Ref", "Def"))
     level, slope = noise_by_grey(reference, moved)
     say(f"noise variance of an exposure: {level:.2f} + {slope:.4f} x grey level")
-    unmoved = tifffile.imread(asked.still) if asked.still else still(reference, moved, asked.seed)
+    unmoved = tifffile.imread(requests.still) if requests.still else still(reference, moved, requests.seed)
     engines: dict[str, Measure] = {
         "semlive, affine": ours(),
         "semlive, quadratic": ours(shape_function="quadratic"),
@@ -203,9 +203,9 @@ def main() -> None:
     say("| engine | subset px | resolution px | noise px | MEI px^2 | of the line found % |\n|---|---|---|---|---|---|")
     figures = dict(ENTRIES)
     for name, measure in engines.items():
-        if asked.engines and not {name, name.split()[0].rstrip(",")} & set(asked.engines):
+        if requests.engines and not {name, name.split()[0].rstrip(",")} & set(requests.engines):
             continue
-        cuts = [cut(measure, reference, moved, unmoved, subset) for subset in asked.subsets]
+        cuts = [cut(measure, reference, moved, unmoved, subset) for subset in requests.subsets]
         for c in cuts:
             say(f"| {name} | {c.subset_px} | {c.resolution_px:.1f} | {c.noise_px:.4f} | {c.mei_px2:.3f} | {100.0 * c.points:.1f} |")
         if "believed" not in name:

@@ -27,15 +27,15 @@ FIRST_SEED = 10_000
 def run(job: tuple[str, int, Path | None]) -> tuple[str, Normalised]:
     """One experiment, or what is kept of it."""
     case, seed, folder = job
-    kept = None if folder is None else folder / f"{case}-{seed}.npz"
-    if kept is not None and kept.exists():
-        with np.load(kept) as held:
+    stored = None if folder is None else folder / f"{case}-{seed}.npz"
+    if stored is not None and stored.exists():
+        with np.load(stored) as held:
             return case, {name: held[name] for name in held.files}
     found = normalised(SMALL[case], seed)
-    if kept is not None:
-        unfinished = kept.with_suffix(".part.npz")
+    if stored is not None:
+        unfinished = stored.with_suffix(".part.npz")
         np.savez(unfinished, **found)
-        unfinished.replace(kept)
+        unfinished.replace(stored)
     return case, found
 
 

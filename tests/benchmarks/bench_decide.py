@@ -83,14 +83,14 @@ class Hidden:
     def verdict(self) -> dict[str, Any]:
         """Of the first run alone, and of both."""
         begin = time.process_time()
-        one = observed(Conditions(self.seed, subset_px=EDGE.subset_px), self.effects(), EDGE)
+        entry = observed(Conditions(self.seed, subset_px=EDGE.subset_px), self.effects(), EDGE)
         again = Conditions(self.seed + AGAIN, tension=0, scan=HALF, bent_like=self.seed, subset_px=EDGE.subset_px)
         other = observed(again, self.effects(), EDGE)
         made_s = time.process_time()
-        found = compare_runs((noise_scaled_baseline(one), noise_scaled_baseline(other)))
+        found = compare_runs((noise_scaled_baseline(entry), noise_scaled_baseline(other)))
         took_s = time.process_time() - made_s
-        alone = diagnose(one) if self.name != NOTHING and self.seed < FIRST_SEED + ALONE else None
-        told = {} if found.effect is None else {item.name: [item.value, item.sigma] for item in found.effect.parameters}
+        alone = diagnose(entry) if self.name != NOTHING and self.seed < FIRST_SEED + ALONE else None
+        reported = {} if found.effect is None else {item.name: [item.value, item.sigma] for item in found.effect.parameters}
         return {
             "key": self.key,
             **asdict(self),
@@ -101,7 +101,7 @@ class Hidden:
             "ambiguous": list(found.ambiguous),
             "evidence": dict(found.evidence[:4]),
             "apart": found.separate_log_odds,
-            "parameters": told,
+            "parameters": reported,
             "cpu_s": took_s,
             "all_s": time.process_time() - begin,
         }
@@ -124,24 +124,24 @@ def table(found: list[dict[str, Any]]) -> str:
     ]
     for name, sizes in SIZES.items():
         for size in sizes:
-            own = [one for one in found if one["name"] == name and one["size"] == size]
+            own = [entry for entry in found if entry["name"] == name and entry["size"] == size]
             if not own:
                 continue
-            right = [one for one in own if one["outcome"] == "IDENTIFIED" and one["named"] == name]
-            wrong = sum(one["outcome"] == "IDENTIFIED" and one["named"] != name for one in own)
-            alone = [one for one in own if one["alone"]]
-            named = sum(one["alone"] == "IDENTIFIED" for one in alone)
-            rightly = sum(one["alone"] == "IDENTIFIED" and one["alone_names"] == [name] for one in alone)
+            right = [entry for entry in own if entry["outcome"] == "IDENTIFIED" and entry["named"] == name]
+            wrong = sum(entry["outcome"] == "IDENTIFIED" and entry["named"] != name for entry in own)
+            alone = [entry for entry in own if entry["alone"]]
+            named = sum(entry["alone"] == "IDENTIFIED" for entry in alone)
+            rightly = sum(entry["alone"] == "IDENTIFIED" and entry["alone_names"] == [name] for entry in alone)
             unit = "" if name == "wrong_row_time" else " px"
             lines.append(
                 f"| `{name}`, {size:g}{unit} | {len(right)} of {len(own)} (at least {100 * at_least(len(right), len(own)):.0f} %) | {wrong}"
                 f" | {rightly} correct, {named - rightly} wrong, of {len(alone)} | {_errors(name, size, right)} |"
             )
-    nulls = [one for one in found if one["name"] == NOTHING]
+    nulls = [entry for entry in found if entry["name"] == NOTHING]
     if nulls:
-        named = sum(one["outcome"] in ("IDENTIFIED", "AMBIGUOUS") for one in nulls)
-        unknown = sum(one["outcome"] == "UNKNOWN" for one in nulls)
-        loudest = max(max(one["evidence"].values()) for one in nulls)
+        named = sum(entry["outcome"] in ("IDENTIFIED", "AMBIGUOUS") for entry in nulls)
+        unknown = sum(entry["outcome"] == "UNKNOWN" for entry in nulls)
+        loudest = max(max(entry["evidence"].values()) for entry in nulls)
         lines.append(
             f"\nWithout a hidden effect {named} of {len(nulls)} were IDENTIFIED or AMBIGUOUS"
             f" (bound {100 * at_most(named, len(nulls)):.1f} %),\n{unknown} UNKNOWN;"
@@ -155,10 +155,10 @@ def _errors(name: str, size: float, right: list[dict[str, Any]]) -> str:
     if own is None or not right:
         return " | "
     true = 0.8 * size if own == "y_px" else size
-    told = [one["parameters"][own] for one in right]
-    off = sorted(abs(value - true) / true for value, _ in told)
-    inside = sum(abs(value - true) < 1.645 * sigma for value, sigma in told)
-    return f"{100 * off[len(off) // 2]:.0f} % | {inside} of {len(told)}"
+    reported = [entry["parameters"][own] for entry in right]
+    off = sorted(abs(value - true) / true for value, _ in reported)
+    inside = sum(abs(value - true) < 1.645 * sigma for value, sigma in reported)
+    return f"{100 * off[len(off) // 2]:.0f} % | {inside} of {len(reported)}"
 
 
 def main() -> None:

@@ -40,12 +40,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--effects", nargs="*", default=list(DETECTABLE_PX))
-    asked = parser.parse_args()
-    found: dict[str, list[float]] = {name: [] for name in asked.effects}
-    for seed in range(1, asked.seeds + 1):
+    requests = parser.parse_args()
+    found: dict[str, list[float]] = {name: [] for name in requests.effects}
+    for seed in range(1, requests.seeds + 1):
         bare = noise_scaled_baseline(observed(Conditions(seed), (), GRID))
         alone = _noiseless(Conditions(seed), ())
-        for name in asked.effects:
+        for name in requests.effects:
             case = Case(ONE, (name,), TRIED, seed)
             moved = _noiseless(case.conditions(), case.effects()) - alone
             found[name].append(least_px(bare, name, moved))
@@ -62,13 +62,13 @@ def _noiseless(conditions: Conditions, effects: tuple) -> np.ndarray:  # type: i
 def least_px(bare: HyperparameterGrid, name: str, moved: np.ndarray) -> float:  # type: ignore[type-arg]
     """The peak at which what (f, b, 2) an effect moves is detected."""
     observation = bare.design.observation
-    told = residual_gram(bare, moved[..., None])[0, 0]
+    reported = residual_gram(bare, moved[..., None])[0, 0]
     family = effect_class(name)
     laws = [law for values in family.grid(observation.geometry) if (law := family.basis_field(observation.geometry, values)) is not None]
     amplitudes = laws[0].field_px.shape[-1]
     limit = chi2.isf(FALSE / (FAMILIES * len(laws)), amplitudes)
     needed = brentq(lambda squares: ncx2.sf(limit, amplitudes, squares) - POWER, 1.0, 1000.0)
-    return float(np.max(np.hypot(*np.moveaxis(moved, -1, 0)))) * float(np.sqrt(needed / told))
+    return float(np.max(np.hypot(*np.moveaxis(moved, -1, 0)))) * float(np.sqrt(needed / reported))
 
 
 if __name__ == "__main__":

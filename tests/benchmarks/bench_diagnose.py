@@ -49,12 +49,12 @@ def main() -> None:
     """Run what is missing, or score what is there."""
     asked = _arguments()
     counts = Counts(asked.seeds, asked.nulls, asked.doubles, asked.strange, asked.deformed, asked.left_out, asked.confounded)
-    chosen = [replace(one, white=asked.white) for one in cases(asked.set, counts, asked.sizes, asked.effects)]
+    chosen = [replace(entry, white=asked.white) for entry in cases(asked.set, counts, asked.sizes, asked.effects)]
     asked.folder.mkdir(parents=True, exist_ok=True)
     if not asked.score:
         _run(chosen, asked)
-    said = verdicts(asked.folder)
-    scored = [(case, said[case.key]) for case in chosen if case.key in said]
+    printed = verdicts(asked.folder)
+    scored = [(case, printed[case.key]) for case in chosen if case.key in printed]
     found = table(scored)
     sys.stdout.write(found)
     if asked.write:
@@ -84,7 +84,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _run(chosen: list[Case], asked: argparse.Namespace) -> None:
-    own, shards = (int(one) for one in asked.shard.split("/"))
+    own, shards = (int(entry) for entry in asked.shard.split("/"))
     done, begin = verdicts(asked.folder), time.monotonic()
     for case in chosen[own - 1 :: shards]:
         if time.monotonic() - begin > asked.seconds:
@@ -103,10 +103,10 @@ def judge(seen: Observation, dictionary: Sequence[EffectClass] = EFFECT_CLASSES)
     found = diagnose(seen, dictionary=dictionary)
     return found, {
         "outcome": found.outcome.value,
-        "names": [one.name for one in found.effects],
+        "names": [entry.name for entry in found.effects],
         "ambiguous": list(found.ambiguous),
-        "odds": [one.log_bayes_factor for one in found.effects],
-        "parameters": {one.name: {item.name: [item.value, item.sigma] for item in one.parameters} for one in found.effects},
+        "odds": [entry.log_bayes_factor for entry in found.effects],
+        "parameters": {entry.name: {item.name: [item.value, item.sigma] for item in entry.parameters} for entry in found.effects},
         "loudest": max((odds for _, odds in found.evidence), default=None),
         "closure_told": None if found.gap is None else found.gap.closure,
         "cpu_s": time.process_time() - begin,
@@ -120,10 +120,10 @@ def closure(case: Case, seen: Observation, found: Diagnosis) -> float | None:
     alone = _nothing_hidden(case.conditions())
     if not np.array_equal(alone.valid_blocks, seen.valid_blocks):
         return None
-    laws = [one.model_effect for one in found.effects]
-    bare = add_model_effects(noise_scaled_baseline(choose_coupling(seen, (), laws).observation), ())[0]
-    having = add_model_effects(bare, laws)[0]
-    return explained_fraction_of_truth(bare, having, alone.disparity_px, 0)
+    laws = [entry.model_effect for entry in found.effects]
+    plain = add_model_effects(noise_scaled_baseline(choose_coupling(seen, (), laws).observation), ())[0]
+    with_effects = add_model_effects(plain, laws)[0]
+    return explained_fraction_of_truth(plain, with_effects, alone.disparity_px, 0)
 
 
 @lru_cache(maxsize=1)
@@ -135,7 +135,7 @@ def _nothing_hidden(conditions: Conditions) -> Observation:
 def verdicts(folder: Path) -> dict[str, Verdict]:
     """All there are, by the key of their case."""
     lines = [line for path in sorted(folder.glob("verdicts-*.jsonl")) for line in path.read_text(encoding="utf-8").splitlines()]
-    return {str(one["key"]): one for one in map(json.loads, lines)}
+    return {str(entry["key"]): entry for entry in map(json.loads, lines)}
 
 
 def write(found: str, how_many: str, part: str = MEASURED) -> None:

@@ -46,21 +46,21 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("rendered"))
     parser.add_argument("--score", action="store_true", help="run nothing")
     parser.add_argument("--write", action="store_true", help="put the table into docs/validation/diagnosis.md")
-    asked = parser.parse_args()
-    chosen = list(cases(asked.set, Counts(asked.seeds, asked.nulls), asked.sizes, asked.effects))
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    if not asked.score:
-        own, shards = (int(one) for one in asked.shard.split("/"))
-        _run(chosen[own - 1 :: shards], asked.folder / f"verdicts-{own}-of-{shards}.jsonl")
-    said = verdicts(asked.folder)
+    requests = parser.parse_args()
+    chosen = list(cases(requests.set, Counts(requests.seeds, requests.nulls), requests.sizes, requests.effects))
+    requests.folder.mkdir(parents=True, exist_ok=True)
+    if not requests.score:
+        own, shards = (int(entry) for entry in requests.shard.split("/"))
+        _run(chosen[own - 1 :: shards], requests.folder / f"verdicts-{own}-of-{shards}.jsonl")
+    said = verdicts(requests.folder)
     scored = [(case, _beside_its_own(said[case.key])) for case in chosen if case.key in said]
-    lines = [one for one in table(scored).splitlines() if "| 0 of 0 |" not in one]
-    found = "\n".join([*lines, *_costs([one for _, one in scored])]) + "\n"
+    lines = [entry for entry in table(scored).splitlines() if "| 0 of 0 |" not in entry]
+    found = "\n".join([*lines, *_costs([entry for _, entry in scored])]) + "\n"
     sys.stdout.write(found)
-    if asked.write:
+    if requests.write:
         page = PAGE.read_text(encoding="utf-8")
         before, rest = page.split(BEGIN)
-        about = f"{len(scored)} cases of the {asked.set} set."
+        about = f"{len(scored)} cases of the {requests.set} set."
         PAGE.write_text(f"{before}{BEGIN}\n{about}\n\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")
 
 
@@ -85,10 +85,11 @@ def judge(log: Path) -> Verdict:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return {
         "outcome": found["outcome"],
-        "names": [one["name"] for one in found["effects"]],
+        "names": [entry["name"] for entry in found["effects"]],
         "ambiguous": found["ambiguous"],
         "parameters": {
-            one["name"]: {name: [item["value"], item["sigma"]] for name, item in one["parameters"].items()} for one in found["effects"]
+            entry["name"]: {name: [item["value"], item["sigma"]] for name, item in entry["parameters"].items()}
+            for entry in found["effects"]
         },
         "closure": None,
         "cpu_s": used.ru_utime - before,
@@ -100,14 +101,14 @@ def judge(log: Path) -> Verdict:
 def _beside_its_own(verdict: Verdict) -> Verdict:
     """Without what correlation itself does to every image."""
     names = verdict["names"]
-    left = [one for one in names if one != OWN] if isinstance(names, list) else []
+    left = [entry for entry in names if entry != OWN] if isinstance(names, list) else []
     nothing = verdict["outcome"] == "IDENTIFIED" and not left
     return {**verdict, "names": left, "outcome": "NONE" if nothing else verdict["outcome"]}
 
 
 def _costs(said: list[Verdict]) -> Iterator[str]:
     if said:
-        wall_s, most_mb = (max(float(str(one[what])) for one in said) for what in ("wall_s", "most_mb"))
+        wall_s, most_mb = (max(float(str(entry[what])) for entry in said) for what in ("wall_s", "most_mb"))
         yield f"The longest verdict took {wall_s:.0f} s, the largest {most_mb:.0f} MB."
 
 

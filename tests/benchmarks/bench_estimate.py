@@ -46,15 +46,15 @@ def run(job: Job) -> tuple[Job, Results]:
 
 def _measured(case: str, method: str, seed: int, folder: Path | None) -> Measured:
     """One method on one experiment, or what is kept of it."""
-    kept = None if folder is None else folder / f"{case}-{method}-{seed}.npz"
-    if kept is not None and kept.exists():
-        return Measured.read(kept)
+    stored = None if folder is None else folder / f"{case}-{method}-{seed}.npz"
+    if stored is not None and stored.exists():
+        return Measured.read(stored)
     experiment = _experiment(case, seed)
     found = measure(experiment, METHODS[method](experiment))
-    if kept is not None:
-        unfinished = kept.with_suffix(".part.npz")
+    if stored is not None:
+        unfinished = stored.with_suffix(".part.npz")
         found.write(unfinished)
-        unfinished.replace(kept)
+        unfinished.replace(stored)
     return found
 
 
@@ -76,7 +76,7 @@ def main() -> None:
     given = parser.parse_args()
     methods = {"all": tuple(METHODS), "both": ("sutton2007", "joint")}.get(given.method, (given.method,))
     settings = dict.fromkeys(CASES[name].setting for name in given.cases)
-    groups = [tuple(name for name in given.cases if CASES[name].setting == one) for one in settings]
+    groups = [tuple(name for name in given.cases if CASES[name].setting == item) for item in settings]
     jobs: list[Job] = [(seed, group, methods, given.keep) for seed in range(1, given.seeds + 1) for group in groups]
     if given.keep:
         given.keep.mkdir(parents=True, exist_ok=True)
@@ -93,7 +93,7 @@ def main() -> None:
             sys.stderr.write(f"\r{done}/{len(jobs)} seed {job[0]} {' '.join(job[1])} {time.perf_counter() - begin:.0f} s   ")
     sys.stderr.write("\n")
     lines = [*table(results, methods), "", *_speed(results)]
-    counts = [f"{method} {min(len(one) for (_, by), one in results.items() if by == method)}" for method in methods]
+    counts = [f"{method} {min(len(item) for (_, by), item in results.items() if by == method)}" for method in methods]
     title = f"Seeds: {', '.join(counts)};\n95th percentile (median), or a mean over seeds ± its standard error."
     sys.stdout.write(title + "\n\n")
     sys.stdout.write("\n".join(lines) + "\n")
@@ -103,16 +103,16 @@ def main() -> None:
 
 
 def _so_far(folder: Path, cases: list[str], methods: tuple[str, ...]) -> Results:
-    kept = {(case, method): sorted(folder.glob(f"{case}-{method}-*[0-9].npz")) for case in cases for method in methods}
-    return {key: [Measured.read(path) for path in paths] for key, paths in kept.items() if paths}
+    stored = {(case, method): sorted(folder.glob(f"{case}-{method}-*[0-9].npz")) for case in cases for method in methods}
+    return {key: [Measured.read(path) for path in paths] for key, paths in stored.items() if paths}
 
 
 def _speed(results: Results) -> list[str]:
     found = [figures for (_, method), seeds in results.items() if method == "joint" for figures in seeds if figures.update_s]
     if not found:
         return []
-    update_s = float(np.median(np.concatenate([one.update_s for one in found])))
-    solve_s = float(np.median([one.solve_s for one in found]))
+    update_s = float(np.median(np.concatenate([item.update_s for item in found])))
+    solve_s = float(np.median([item.solve_s for item in found]))
     return [f"joint, 18,000 points: update {update_s:.2f} s per pair, solution {solve_s:.2f} s (medians, processor time)."]
 
 

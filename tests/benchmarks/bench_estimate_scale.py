@@ -74,7 +74,7 @@ def pairs_of(experiment: Experiment, count: int) -> Iterator[tuple[int, tuple[Fr
         first, later_s = 2 * pair, step_s * (pair - like.pair)
         times = tuple(replace(when, frame=when.frame % 2 + first, start_s=when.start_s + later_s) for when in like.times)
         maps = tuple(
-            replace(one, reference=one.reference and one.reference % 2 + first, current=one.current % 2 + first) for one in like.maps
+            replace(item, reference=item.reference and item.reference % 2 + first, current=item.current % 2 + first) for item in like.maps
         )
         yield pair, (times[0], times[1]), maps
 
@@ -110,7 +110,7 @@ def table(count: int, whole: bool, step_px: int) -> list[str]:
     peak_before = _peak_mb()
     state, known, spent = run(experiment, count)
     lines = ["| pairs | update, s | newest frame, s | both, s |", "|---|---|---|---|"]
-    for shown in [one for one in SHOWN if one <= count]:
+    for shown in [item for item in SHOWN if item <= count]:
         around = slice(max(shown - AROUND, 0), shown)
         update_s, newest_s = float(np.median(spent.update_s[around])), float(np.nanmedian(spent.newest_s[around]))
         lines.append(f"| {shown} | {update_s:.3f} | {newest_s:.3f} | {update_s + newest_s:.3f} |")
@@ -142,25 +142,25 @@ def live_table(count: int) -> list[str]:
     plain = AnalysisSettings()
     settings = replace(plain, specimen=replace(plain.specimen, area_mm2=1.0))
     taken = experiment.pairs
-    steps = [one for one in taken if one.phase is Phase.TENSION]
-    begun, spent, revised = pipeline.start_from_maps(settings, decision_of(taken[0], 0, settings).first, experiment.grid), [], []
+    steps = [item for item in taken if item.phase is Phase.TENSION]
+    started, spent, revised = pipeline.start_from_maps(settings, decision_of(taken[0], 0, settings).first, experiment.grid), [], []
     due: dict[int, float] = {}
     for pair in range(count):
         like = taken[pair] if pair < len(taken) else steps[(pair - len(taken)) % len(steps)]
         first, decision = 2 * pair, decision_of(like, pair, settings)
         maps = tuple(
-            replace(one, reference=one.reference and one.reference % 2 + first, current=one.current % 2 + first) for one in like.maps
+            replace(item, reference=item.reference and item.reference % 2 + first, current=item.current % 2 + first) for item in like.maps
         )
-        (begun, result), spent_s = timed(lambda b=begun, d=decision, m=maps: pipeline.add_pair(b, d, m))
+        (started, result), spent_s = timed(lambda b=started, d=decision, m=maps: pipeline.add_pair(b, d, m))
         spent.append(spent_s)
-        (begun, anew), spent_s = timed(lambda b=begun: pipeline.review_hyperparameters(b))
+        (started, anew), spent_s = timed(lambda b=started: pipeline.review_hyperparameters(b))
         if anew:
             due[pair + 1] = spent_s
         revised.append(len(result.revised_frames) + (len(anew.revised_frames) if anew else 0))
         if (pair + 1) % 50 == 0:
             sys.stderr.write(f"{pair + 1}/{count}\n")
     lines = ["| pairs | from maps to published results, s | slowest of ten | frames revised so far |", "|---|---|---|---|"]
-    for shown in [one for one in LIVE_SHOWN if one <= count]:
+    for shown in [item for item in LIVE_SHOWN if item <= count]:
         around = spent[max(shown - 10, 0) : shown]
         lines.append(f"| {shown} | {float(np.median(around)):.2f} | {max(around):.2f} | {sum(revised[:shown])} |")
     at = ", ".join(f"{spent_s:.1f} s after {pair}" for pair, spent_s in due.items() if pair >= 16)
@@ -172,7 +172,7 @@ def _batch(experiment: Experiment) -> list[float]:
     state = estimate.init(EstimateSettings(), experiment.grid, WIDTH_PX, HEIGHT_PX)
     for taken in experiment.pairs:
         state = estimate.update(state, taken.pair, taken.phase, taken.times, taken.maps)
-    return [one.start_s for one in estimate.solve(state).state.frames[::2]]
+    return [item.start_s for item in estimate.solve(state).state.frames[::2]]
 
 
 def _peak_mb() -> float:

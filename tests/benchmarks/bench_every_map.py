@@ -41,9 +41,9 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="show names and end")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    scenarios = [one for one in EVERY_MAP if (not options.short or one.short) and one.name.startswith(tuple(options.only) or "")]
+    scenarios = [item for item in EVERY_MAP if (not options.short or item.short) and item.name.startswith(tuple(options.only) or "")]
     if options.list:
-        sys.stdout.writelines(f"{one.name:46} {one.what}\n" for one in scenarios)
+        sys.stdout.writelines(f"{item.name:46} {item.what}\n" for item in scenarios)
         return 0
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name, ThreadPoolExecutor(options.jobs) as pool:
         campaign = Campaign(None, (options.keep or Path(name)).resolve(), options.found)

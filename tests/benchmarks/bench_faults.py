@@ -32,14 +32,14 @@ def run_row(row: Row, folder: Path) -> tuple[bool, str]:
     began_s = time.monotonic()
     try:
         with laboratory(folder) as lab:
-            seen = row.run(lab)
+            observed = row.run(lab)
     except Exception as error:
         sys.stderr.write("".join(traceback.format_exception(error)[-3:]))
-        said = re.sub(r"live page: \S+ ", "", " ".join(str(error).split()))
-        return False, _line(row, f"**failed**: {said[:200]}", "")
+        printed = re.sub(r"live page: \S+ ", "", " ".join(str(error).split()))
+        return False, _line(row, f"**failed**: {printed[:200]}", "")
     sys.stderr.write(f"{time.monotonic() - began_s:5.1f} s ")
-    stop = "" if seen.stop_ms is None else f"{seen.stop_ms:.0f} ms"
-    return True, _line(row, seen.what, stop)
+    stop = "" if observed.stop_ms is None else f"{observed.stop_ms:.0f} ms"
+    return True, _line(row, observed.what, stop)
 
 
 def _line(row: Row, happened: str, stop: str) -> str:

@@ -83,17 +83,17 @@ def main() -> None:
     parser.add_argument("--second", type=int, default=4, help="simulations of each experiment")
     parser.add_argument("--times", type=float, default=3.0, help="what can be detected")
     parser.add_argument("--write", action="store_true", help="put the table into docs/validation/diagnosis.md")
-    asked = parser.parse_args()
+    requests = parser.parse_args()
     told = []
     for true, other in ALIKE:
-        for seed in range(FIRST_SEED, FIRST_SEED + asked.first):
-            for one in compared(true, other, asked.times, seed, asked.second):
-                told.append(one)
-                sys.stdout.write(f"{one}\n")
+        for seed in range(FIRST_SEED, FIRST_SEED + requests.first):
+            for item in compared(true, other, requests.times, seed, requests.second):
+                told.append(item)
+                sys.stdout.write(f"{item}\n")
                 sys.stdout.flush()
     found = table(told)
     sys.stdout.write(found)
-    if asked.write:
+    if requests.write:
         page = PAGE.read_text(encoding="utf-8")
         before, rest = page.split(BEGIN)
         PAGE.write_text(f"{before}{BEGIN}\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")
@@ -104,7 +104,7 @@ def compared(true: str, other: str, times: float, seed: int, second: int) -> Ite
     size_px = times * PROTOTYPE_PX[true]
     first = observed(Conditions(seed), hidden_effect(true, size_px, seed), GRID)
     before = noise_scaled_baseline(first)
-    rivals = [refined(before, one) for one in score_candidates(before, [effect_class(true), effect_class(other)])]
+    rivals = [refined(before, item) for item in score_candidates(before, [effect_class(true), effect_class(other)])]
     for kind, dwell in (
         (ExperimentKind.STATIONARY_SERIES, 1.0),
         (ExperimentKind.REPEAT, 1.0),
@@ -112,12 +112,12 @@ def compared(true: str, other: str, times: float, seed: int, second: int) -> Ite
         (ExperimentKind.CHANGED_SCAN_TIMES, 2.0),
     ):
         ahead = simulate_baseline(before, planned_run(first, kind, dwell))
-        foretold = expected_odds(ahead, [predict_effect(ahead, before, one) for one in rivals])[0, 1]
+        foretold = expected_odds(ahead, [predict_effect(ahead, before, item) for item in rivals])[0, 1]
         given = []
         for number in range(second):
             own = SECOND_SEED + 100 * (seed - FIRST_SEED) + number
             after = noise_scaled_baseline(observed(_conditions(kind, dwell, own, seed), _effects(true, size_px, seed, own), GRID))
-            given.append(float(log_odds(after, [predict_effect(after, before, one) for one in rivals])[0, 1]))
+            given.append(float(log_odds(after, [predict_effect(after, before, item) for item in rivals])[0, 1]))
         yield Told(true, other, kind, dwell, float(foretold), tuple(given))
 
 
@@ -138,19 +138,19 @@ def _scan(dwell: float) -> Scan:
 def table(told: list[Told]) -> str:
     """By effect and experiment; then how often the true one won, wherever odds of more than 20 were foretold, and elsewhere."""
     lines = ["| true effect | rival | experiment | ln odds, forecast | simulated: mean | minimum |", "|---|---|---|---|---|---|"]
-    for key in dict.fromkeys((one.true, one.other, one.kind, one.dwell) for one in told):
-        own = [one for one in told if (one.true, one.other, one.kind, one.dwell) == key]
-        given = np.concatenate([one.given for one in own])
+    for key in dict.fromkeys((item.true, item.other, item.kind, item.dwell) for item in told):
+        own = [item for item in told if (item.true, item.other, item.kind, item.dwell) == key]
+        given = np.concatenate([item.given for item in own])
         what = key[2].value.replace("_", " ") + ("" if key[3] == 1.0 else f", {key[3]:g} times the dwell")
-        mean = float(np.mean([one.foretold for one in own]))
+        mean = float(np.mean([item.foretold for item in own]))
         lines.append(f"| `{key[0]}` | `{key[1]}` | {what} | {mean:.1f} | {given.mean():.1f} | {given.min():.1f} |")
     lines.append("")
-    for sure, said in ((True, "more than 20"), (False, "20 or less")):
-        given = [one for each in told if (each.foretold > MIN_LOG_ODDS) == sure for one in each.given]
-        won = sum(one > 0.0 for one in given)
+    for sure, printed in ((True, "more than 20"), (False, "20 or less")):
+        given = [item for each in told if (each.foretold > MIN_LOG_ODDS) == sure for item in each.given]
+        won = sum(item > 0.0 for item in given)
         if given:
             least = 100.0 * at_least(won, len(given))
-            lines.append(f"Forecast odds of {said}: the true effect was preferred in {won} of {len(given)} (at least {least:.1f} %).")
+            lines.append(f"Forecast odds of {printed}: the true effect was preferred in {won} of {len(given)} (at least {least:.1f} %).")
             lines.append("")
     return "\n".join(lines)
 

@@ -27,13 +27,9 @@ from semlive.data.diagnosis.channels import IntensityDiagnosis
 from semlive.data.settings import DicSettings
 from semlive.diagnose.intensity.frames import IntensityFrames, intensity_frame, intensity_reference, pair_noise
 from semlive.diagnose.intensity.verdict import diagnose_intensity
-from semlive_simulators.effects.charging_frame_ramp import ChargingFrameRamp
-from semlive_simulators.effects.charging_jump import ChargingJump
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive_simulators.effects.charging import ChargingFrameRamp, ChargingJump, ChargingLocalLens
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.contamination import Contamination
-from semlive_simulators.effects.defocus import Defocus
-from semlive_simulators.effects.gamma_change import GammaChange
+from semlive_simulators.effects.detector import Contamination, Defocus, GammaChange
 from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import Scenario, load_scenario
@@ -95,14 +91,15 @@ def series(run: Run, percent: float, seed: int) -> IntensityFrames:
     roi_px = (101, 101, 846, 696) if scan.width_px == 1024 else None
     settings = DicSettings(step_px=15, roi_px=roi_px)
     grid = dic.grid_for(settings, scan.width_px, scan.height_px)
-    images = [expose(one, 2.55 * percent, 100_000 * int(percent) + 1000 * seed + at) for at, one in enumerate(run.images)]
+    images = [expose(entry, 2.55 * percent, 100_000 * int(percent) + 1000 * seed + at) for at, entry in enumerate(run.images)]
     ready = dic.prepare(images[0], grid, settings)
-    maps = [dic.correlate(ready, one, settings, reference_frame=0, current_frame=at) for at, one in enumerate(images[1:], start=1)]
-    grey = [one.astype(np.float32) for one in images]
+    maps = [dic.correlate(ready, entry, settings, reference_frame=0, current_frame=at) for at, entry in enumerate(images[1:], start=1)]
+    grey = [entry.astype(np.float32) for entry in images]
     reference = intensity_reference(grey[0], grey[1], maps[0])
     assert reference is not None
     frames = [
-        intensity_frame(reference, grey[one.current], one, run.start_s[one.current] - run.start_s[0], scan.row_time_s) for one in maps
+        intensity_frame(reference, grey[entry.current], entry, run.start_s[entry.current] - run.start_s[0], scan.row_time_s)
+        for entry in maps
     ]
     return IntensityFrames(reference, tuple(frames), np.array([pair_noise(reference.blocks, grey[0], grey[1], maps[0])]))
 
@@ -110,9 +107,9 @@ def series(run: Run, percent: float, seed: int) -> IntensityFrames:
 def said(found: IntensityDiagnosis) -> str:
     """A verdict in a line."""
     effects = []
-    for one in found.effects:
-        told = ", ".join(f"{item.name} {item.value:.4g} +- {item.sigma:.2g}" for item in one.parameters)
-        effects.append(f"{one.name} ({told}; logarithm of the Bayes factor {one.log_bayes_factor:.0f})")
+    for entry in found.effects:
+        reported = ", ".join(f"{item.name} {item.value:.4g} +- {item.sigma:.2g}" for item in entry.parameters)
+        effects.append(f"{entry.name} ({reported}; logarithm of the Bayes factor {entry.log_bayes_factor:.0f})")
     dark, slope = found.noise
     return f"{found.outcome.value} {'; '.join(effects)} {found.unexplained} [noise {dark.value:.1f} + {slope.value:.3f} I]"
 
@@ -132,17 +129,17 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=8)
     parser.add_argument("--nulls", type=int, default=20, help="for each noise, without and with stage yaw")
     parser.add_argument("--size", type=int, nargs=2, default=(1024, 884), help="of the frames, px")
-    asked = parser.parse_args()
-    size_px = (asked.size[0], asked.size[1])
+    requests = parser.parse_args()
+    size_px = (requests.size[0], requests.size[1])
     for name, effects in CASES.items():
-        run = rendered(asked.pairs, size_px, *effects)
+        run = rendered(requests.pairs, size_px, *effects)
         for percent in PERCENT:
             begin = time.process_time()
             found = diagnose_intensity(series(run, percent, 1))
             sys.stdout.write(f"{name}, noise {percent} %: {said(found)} [{time.process_time() - begin:.1f} s]\n")
             sys.stdout.flush()
     false, p_values = 0, []
-    for name, found in nulls(asked.pairs, size_px, asked.nulls):
+    for name, found in nulls(requests.pairs, size_px, requests.nulls):
         p_values.append(found.where[0].p_value)
         if found.outcome.value != "NONE":
             false += 1
@@ -150,7 +147,7 @@ def main() -> None:
             sys.stdout.flush()
     count = len(p_values)
     bound = float(beta.ppf(0.95, false + 1, count - false)) if false < count else 1.0
-    sys.stdout.write(f"false names: {false} of {count} nulls of {asked.pairs} pairs, one-sided 95 % bound {100 * bound:.1f} %\n")
+    sys.stdout.write(f"false names: {false} of {count} nulls of {requests.pairs} pairs, one-sided 95 % bound {100 * bound:.1f} %\n")
     if count:
         sys.stdout.write(
             f"p of intensity below 0.01 in {np.mean(np.array(p_values) < 0.01):.3f}, below 0.1 in {np.mean(np.array(p_values) < 0.1):.3f}\n"

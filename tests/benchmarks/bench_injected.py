@@ -56,18 +56,18 @@ class Injected:
         """Of both runs, and what survives."""
         case = Case(ONE, (self.name,), SIZE, self.seed)
         with tempfile.TemporaryDirectory() as name:
-            without, having = (
+            without, with_effects = (
                 said(Path(name) / word, replace(case.conditions(), injected=strain), case)
                 for word, strain in (("without", 0.0), ("having", INJECTED))
             )
         return {
             "key": self.key,
             **asdict(self),
-            "names": [without["names"], having["names"]],
-            "outcomes": [without["outcome"], having["outcome"]],
-            "left_in": [without["left_in"], having["left_in"]],
-            "survives": (having["strain"] - without["strain"]) / INJECTED,
-            "by_itself": (having["uncorrected"] - without["uncorrected"]) / INJECTED,
+            "names": [without["names"], with_effects["names"]],
+            "outcomes": [without["outcome"], with_effects["outcome"]],
+            "left_in": [without["left_in"], with_effects["left_in"]],
+            "survives": (with_effects["strain"] - without["strain"]) / INJECTED,
+            "by_itself": (with_effects["uncorrected"] - without["uncorrected"]) / INJECTED,
         }
 
 
@@ -79,8 +79,8 @@ def said(folder: Path, conditions: Conditions, case: Case) -> dict[str, Any]:
     corrected = _semlive("replay", str(log), "--model", str(model), "--json") if model.exists() else plain
     return {
         "outcome": found["outcome"],
-        "names": [one["name"] for one in found["effects"]],
-        "left_in": any(LEFT_IN in one for one in corrected["warnings"]),
+        "names": [item["name"] for item in found["effects"]],
+        "left_in": any(LEFT_IN in item for item in corrected["warnings"]),
         "uncorrected": _strain(plain),
         "strain": _strain(corrected),
     }
@@ -95,7 +95,7 @@ def _semlive(*arguments: str) -> dict[str, Any]:
 
 def _strain(result: dict[str, Any]) -> float:
     """Mean along y of all frames under load."""
-    return float(np.mean([one["strain_mean"]["eyy"] for one in result["frames"] if one["phase"] == "tension"]))
+    return float(np.mean([item["strain_mean"]["eyy"] for item in result["frames"] if item["phase"] == "tension"]))
 
 
 def cases(seeds: int, nulls: int) -> Iterator[Injected]:
@@ -108,18 +108,18 @@ def table(found: list[dict[str, Any]]) -> str:
     """As Markdown."""
     lines = ["| hidden effect | same effect in both | not corrected, strain-like | retained strain |", "|---" * 4 + "|"]
     for name in DETECTABLE_PX:
-        own = [one for one in found if one["name"] == name]
-        alike = sum(one["names"][0] == one["names"][1] == [name] for one in own)
-        left = sum(any(one["left_in"]) for one in own)
-        shares = ", ".join(f"{100 * one['survives']:.2f} %" for one in own)
+        own = [item for item in found if item["name"] == name]
+        alike = sum(item["names"][0] == item["names"][1] == [name] for item in own)
+        left = sum(any(item["left_in"]) for item in own)
+        shares = ", ".join(f"{100 * item['survives']:.2f} %" for item in own)
         if own:
             lines.append(f"| `{name}` | {alike} of {len(own)} | {left} | {shares} |")
     if not found:
         return "\n".join(lines) + "\n"
-    kept = sum(abs(one["survives"] - 1.0) <= ASKED for one in found)
-    worst, itself = (max(abs(one[what] - 1.0) for one in found) for what in ("survives", "by_itself"))
+    stored = sum(abs(item["survives"] - 1.0) <= ASKED for item in found)
+    worst, itself = (max(abs(item[what] - 1.0) for item in found) for what in ("survives", "by_itself"))
     lines.append(
-        f"\nWithin {100 * ASKED:g} % in {kept} of {len(found)} cases (at least {100 * at_least(kept, len(found)):.1f} %),"
+        f"\nWithin {100 * ASKED:g} % in {stored} of {len(found)} cases (at least {100 * at_least(stored, len(found)):.1f} %),"
         f" largest error {100 * worst:.2f} %; without any model at most {100 * itself:.2f} %."
     )
     return "\n".join(lines) + "\n"

@@ -61,7 +61,7 @@ MAX_FAILED = 5
 def logged(log: Path) -> list[tuple[str, bytes]]:
     """Everything in the log, torn or whole."""
     try:
-        return [(one.topic, one.payload) for one in messages(log)] if log.is_dir() and any(log.iterdir()) else []
+        return [(item.topic, item.payload) for item in messages(log)] if log.is_dir() and any(log.iterdir()) else []
     except SemliveError:
         return []
 
@@ -98,19 +98,19 @@ class Operator:
             except Failed:
                 process.kill()
                 raise
-            if not counts and any(one != "connecting" for one in self._states[before:]):
+            if not counts and any(item != "connecting" for item in self._states[before:]):
                 counts, end_s = True, time.monotonic() + seconds
 
     def _look(self, terminal: int) -> None:
         try:
-            self._states += [json.loads(one.payload)["after"] for one in self._tail.poll() if one.topic == "/state"]
+            self._states += [json.loads(item.payload)["after"] for item in self._tail.poll() if item.topic == "/state"]
         except SemliveError:
             return
         if self._states.count("recover") > self._asked and self._states[-1] == "recover":
             self._asked += 1
             os.write(terminal, b"resume\n")
         if self._states[-1:] == ["fault"]:
-            raise Failed(f"fault: {[one['what'] for one in of(logged(self._log), '/fault')][-1:]}")
+            raise Failed(f"fault: {[item['what'] for item in of(logged(self._log), '/fault')][-1:]}")
 
 
 def one_run(folder: Path, name: str, bench: dict[str, Any], rate: float, moments: list[tuple[bool, float]]) -> dict[str, Any]:
@@ -139,8 +139,8 @@ def one_run(folder: Path, name: str, bench: dict[str, Any], rate: float, moments
         process.communicate()
         os.close(terminal)
         found = logged(log)
-        acknowledged |= {one for one in found if one[0] in ("/state", "/pair", "/command", "/sem/original", "/fault")}
-        killed_in.append(([one["after"] for one in of(found, "/state")] or ["nothing written"])[-1])
+        acknowledged |= {item for item in found if item[0] in ("/state", "/pair", "/command", "/sem/original", "/fault")}
+        killed_in.append(([item["after"] for item in of(found, "/state")] or ["nothing written"])[-1])
         if killed_in.count("complete") == 2:
             break
     if process is None or process.returncode != 0:
@@ -149,17 +149,17 @@ def one_run(folder: Path, name: str, bench: dict[str, Any], rate: float, moments
         os.close(terminal)
     if process.poll() is None:
         process.kill()
-        raise Failed(f"it did not end within {2 * _LONGEST_S:g} s; {[one['after'] for one in of(logged(log), '/state')][-3:]}")
-    _, said = process.communicate()
+        raise Failed(f"it did not end within {2 * _LONGEST_S:g} s; {[item['after'] for item in of(logged(log), '/state')][-3:]}")
+    _, printed = process.communicate()
     # Killed behind its last word, a run is whole, and is told so when it is to be taken up.
-    whole = process.returncode == 2 and killed_in[-1:] == ["complete"] and "this run is complete" in " ".join(said.split())
+    whole = process.returncode == 2 and killed_in[-1:] == ["complete"] and "this run is complete" in " ".join(printed.split())
     if process.returncode != 0 and not whole:
-        raise Failed(f"exit code {process.returncode}: {' '.join(said.split())[-200:]}")
+        raise Failed(f"exit code {process.returncode}: {' '.join(printed.split())[-200:]}")
     found = logged(log)
     if lost := acknowledged - set(found):
         raise Failed(f"{len(lost)} acknowledged messages are gone: {sorted(topic for topic, _ in lost)[:5]}")
-    if [one["pair"] for one in of(found, "/pair")] != list(range(PAIRS)):
-        raise Failed(f"pairs {[one['pair'] for one in of(found, '/pair')]}")
+    if [item["pair"] for item in of(found, "/pair")] != list(range(PAIRS)):
+        raise Failed(f"pairs {[item['pair'] for item in of(found, '/pair')]}")
     live = of(found, "/result")[-1]
     replayed = subprocess.run([sys.executable, "-m", "semlive", "replay", str(log), "--json"], capture_output=True, text=True, check=True)
     if json.loads(replayed.stdout) != live:
@@ -183,7 +183,8 @@ def main() -> int:
         folder = Path(name)
         (folder / "small.yaml").write_text(SCENARIO, encoding="utf-8")
         while (
-            sum(len(one.get("killed_in", ())) for one in known) < options.kills and sum(bool(one["failed"]) for one in known) < MAX_FAILED
+            sum(len(item.get("killed_in", ())) for item in known) < options.kills
+            and sum(bool(item["failed"]) for item in known) < MAX_FAILED
         ):
             number = len(known)
             chance = random.Random(number + 1000 * options.seed)
@@ -208,8 +209,8 @@ def main() -> int:
                 file.write(json.dumps(known[-1]) + "\n")
             sys.stdout.write(json.dumps(known[-1]) + "\n")
             sys.stdout.flush()
-    failed = [one["run"] for one in known if one["failed"]]
-    kills = sum(len(one["killed_in"]) for one in known)
+    failed = [item["run"] for item in known if item["failed"]]
+    kills = sum(len(item["killed_in"]) for item in known)
     sys.stdout.write(f"{kills} kills in {len(known)} runs, {len(failed)} runs failed {failed or ''}\n")
     return int(bool(failed))
 

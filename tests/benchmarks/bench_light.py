@@ -44,10 +44,10 @@ def say(line: str) -> None:
 def looks(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID) -> Iterator[tuple[Whiteness | None, float]]:
     """After each pair what is found, and what looking took, s of processor time."""
     state, solution, decisions = estimate.init(EstimateSettings(), grid, WIDTH_PX, HEIGHT_PX), None, []
-    for one in hidden(conditions, effects, grid):
-        state = estimate.update(state, one.pose.pair, one.pose.phase, one.times, one.maps)
+    for item in hidden(conditions, effects, grid):
+        state = estimate.update(state, item.pose.pair, item.pose.phase, item.times, item.maps)
         solution = estimate.solve_live(state, solution)
-        decisions.append(decided(one))
+        decisions.append(decided(item))
         if selection_due(len(decisions)):
             solution = estimate.solve_incremental(state, solution)
         began = time.process_time()
@@ -76,12 +76,12 @@ def effects(size: float, seed: int) -> None:
     """Each effect once."""
     for name in DETECTABLE_PX:
         found = warned(Conditions(seed), hidden_effect(name, size * DETECTABLE_PX[name], seed))
-        told = (
+        reported = (
             "no warning"
             if found is None or found.most_significant is None
             else f"after {found.pairs} pairs, by {found.most_significant.domain}"
         )
-        say(f"{name:32} {told}")
+        say(f"{name:32} {reported}")
 
 
 def cost() -> None:
@@ -98,13 +98,13 @@ def main() -> None:
     parser.add_argument("--size", type=float, default=4.0)
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--cost", action="store_true")
-    asked = parser.parse_args()
+    requests = parser.parse_args()
     with threadpool_limits(limits=1, user_api="blas"):
-        if asked.nulls:
-            nulls(*asked.nulls)
-        if asked.effects:
-            effects(asked.size, asked.seed)
-        if asked.cost:
+        if requests.nulls:
+            nulls(*requests.nulls)
+        if requests.effects:
+            effects(requests.size, requests.seed)
+        if requests.cost:
             cost()
 
 

@@ -59,9 +59,9 @@ def noise_of_pair(name: str, start_s: float, draws: int = DRAWS, spacing_px: int
         first, second = (digitised(column, signal, 2 * draw + number) for number, signal in enumerate(signals))
         reference = dic.prepare(first, grid, settings)
         maps.append(dic.correlate(reference, second, settings, reference_frame=0, current_frame=1))
-    valid = np.all([one.valid for one in maps], axis=0)
-    u_px, v_px = (np.array([getattr(one, part)[valid] for one in maps]) for part in ("u_px", "v_px"))
-    sigma = np.array([(one.sigma_u_px[valid] ** 2 + one.sigma_v_px[valid] ** 2) / 2 for one in maps])
+    valid = np.all([item.valid for item in maps], axis=0)
+    u_px, v_px = (np.array([getattr(item, part)[valid] for item in maps]) for part in ("u_px", "v_px"))
+    sigma = np.array([(item.sigma_u_px[valid] ** 2 + item.sigma_v_px[valid] ** 2) / 2 for item in maps])
     spread = [float(np.sqrt(part.var(axis=0, ddof=1).mean())) for part in (u_px, v_px)]
     return Noise(spread[0], spread[1], float(np.sqrt(sigma.mean())), int(valid.sum()))
 

@@ -70,16 +70,16 @@ class Shown:
     def reading(self, number: int, time_ns: int | None = None) -> None:
         now_ns = self.clock.now_ns() if time_ns is None else time_ns
         force_n = 400.0 + float(np.sin(number / 50.0))
-        told = LoadSampleMessage(
+        reported = LoadSampleMessage(
             sequence=number, time_ns=now_ns, mono_ns=time.monotonic_ns(), force_n=force_n, extension_mm=0.1, motion=MotionState.STOPPED,
             target_n=400.0, raw=(1, 2, 3, 4),
         )  # fmt: skip
-        self.recorder.write("/load_frame/sample", told, now_ns)
+        self.recorder.write("/load_frame/sample", reported, now_ns)
 
     def enter(self, number: int) -> None:
         after = STATES[number % len(STATES)]
-        told = StateMessage(time_ns=self.clock.now_ns(), before="ready", after=after, cause="start", step=0, guards={})
-        self.recorder.write("/state", told)
+        reported = StateMessage(time_ns=self.clock.now_ns(), before="ready", after=after, cause="start", step=0, guards={})
+        self.recorder.write("/state", reported)
 
     def say(self, text: str) -> None:
         self.recorder.write("/log", LogLineMessage(time_ns=self.clock.now_ns(), level="info", text=text))
@@ -145,15 +145,15 @@ def log_to_page(page: Page, one: Shown, events: int) -> list[float]:
                 .observe(document.getElementById('message'), {childList: true, characterData: true, subtree: true});
         }"""
     )
-    told: dict[str, float] = {}
+    reported: dict[str, float] = {}
     for number in range(events):
-        told[f"event {number}"] = 1e3 * time.time()
+        reported[f"event {number}"] = 1e3 * time.time()
         one.say(f"event {number}")
         one.reading(number)
         page.wait_for_timeout(int(1e3 * (0.06 + 0.05 * ((number * 0.618) % 1.0))))
     page.wait_for_timeout(1000)
-    seen = dict(page.evaluate("window.seen"))
-    return [seen[text] - at_ms for text, at_ms in told.items() if text in seen]
+    observed = dict(page.evaluate("window.seen"))
+    return [observed[text] - at_ms for text, at_ms in reported.items() if text in observed]
 
 
 @dataclass
@@ -267,10 +267,10 @@ def measure(browser: Browser, asked: argparse.Namespace) -> None:
                 spent = f"page's process {100 * web:.1f} %, control {100 * control:.1f} % of a core (bar: 5)"
                 tell(f"{viewers} viewers: {spent}, {rate:.1f} kB/s each")
         with shown(Path(root) / "b") as one:
-            for told, memory, heap, slow in week(page, one, asked.readings):
-                days = 7.0 * told / asked.readings
-                kept = f"page's process {memory:.0f} MB, browser's heap {heap:.1f} MB"
-                tell(f"day {days:.1f}: {kept}, longest between two pictures {slow:.0f} ms")
+            for reported, memory, heap, slow in week(page, one, asked.readings):
+                days = 7.0 * reported / asked.readings
+                stored = f"page's process {memory:.0f} MB, browser's heap {heap:.1f} MB"
+                tell(f"day {days:.1f}: {stored}, longest between two pictures {slow:.0f} ms")
 
 
 def tell(line: str) -> None:

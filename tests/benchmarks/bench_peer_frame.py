@@ -45,7 +45,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # trials under way end, and take their processes with them
     scenarios = chosen(options.only, options.short, options.healthy)
     if options.list:
-        sys.stdout.writelines(f"{one.name:34} {one.what}\n" for one in scenarios)
+        sys.stdout.writelines(f"{item.name:34} {item.what}\n" for item in scenarios)
         return 0
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         try:

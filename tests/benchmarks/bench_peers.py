@@ -150,8 +150,8 @@ def main() -> None:
                 sys.stdout.flush()
                 if name == FASTEST_PYVALE:
                     for other, ratio in CPU_BESIDE_PYVALE.items():
-                        told = Result(result.wall_s * WALL_BESIDE_PYVALE[other], result.cpu_s * ratio, POINTS)
-                        sys.stdout.write(line(noise, other, told, base))
+                        reported = Result(result.wall_s * WALL_BESIDE_PYVALE[other], result.cpu_s * ratio, POINTS)
+                        sys.stdout.write(line(noise, other, reported, base))
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ def cases(data: bytes, messages: list[Standing], count: int, seed: int = 6) -> I
             rubbish = rng.integers(0, 256, int(rng.integers(1, PAGE)), dtype=np.uint8).tobytes() if kind != "torn" else b""
             if rng.integers(2):
                 rubbish = bytes(len(rubbish))
-            yield Case(f"{kind} at {at}", bytes(spoilt[:at]) + rubbish, [one for one in messages if one.end <= at])
+            yield Case(f"{kind} at {at}", bytes(spoilt[:at]) + rubbish, [item for item in messages if item.end <= at])
             continue
         if kind.endswith("bit"):
             begin, end = at, at + 1
@@ -94,7 +94,7 @@ def cases(data: bytes, messages: list[Standing], count: int, seed: int = 6) -> I
             begin = at - at % PAGE
             end = min(begin + PAGE, len(spoilt))
             spoilt[begin:end] = bytes(end - begin)
-        yield Case(f"{kind} at {begin}", bytes(spoilt), [one for one in messages if one.chunk[1] <= begin or one.chunk[0] >= end])
+        yield Case(f"{kind} at {begin}", bytes(spoilt), [item for item in messages if item.chunk[1] <= begin or item.chunk[0] >= end])
 
 
 def held(case: Case, recovered: RepairSummary, all_keys: list[tuple[str, int, int, int, bytes]]) -> int:
@@ -108,21 +108,21 @@ def held(case: Case, recovered: RepairSummary, all_keys: list[tuple[str, int, in
         summary = reader.get_summary()
         assert summary is not None, case.name
         assert summary.statistics is not None, case.name
-        kept = [
+        stored = [
             (channel.topic, message.sequence, message.log_time, message.publish_time, message.data)
             for _, channel, message in reader.iter_messages(log_time_order=False)
         ]
-    assert summary.statistics.message_count == len(kept) == sum(recovered.recovered.values()), case.name
+    assert summary.statistics.message_count == len(stored) == sum(recovered.recovered.values()), case.name
     rest = iter(all_keys)
-    assert all(key in rest for key in kept), f"{case.name}: a message that was not there, or out of order"
-    missing = Counter(one.key[:2] for one in case.must) - Counter(key[:2] for key in kept)
+    assert all(key in rest for key in stored), f"{case.name}: a message that was not there, or out of order"
+    missing = Counter(item.key[:2] for item in case.must) - Counter(key[:2] for key in stored)
     assert not missing, f"{case.name}: lost {dict(missing)}"
-    lost = len(all_keys) - len(kept)
+    lost = len(all_keys) - len(stored)
     if recovered.lost_is_complete:
         assert sum(recovered.lost.values()) == lost, f"{case.name}: lost {lost}, said {dict(recovered.lost)}"
     else:
         assert sum(recovered.lost.values()) <= lost, f"{case.name}: lost {lost}, said {dict(recovered.lost)}"
-    return len(kept) - len(case.must)
+    return len(stored) - len(case.must)
 
 
 def campaign(data: bytes, count: int, folder: Path) -> list[str]:
@@ -132,8 +132,8 @@ def campaign(data: bytes, count: int, folder: Path) -> list[str]:
         AssertionError: a recovered log is not what it must be.
     """
     messages = standing(data)
-    all_keys = [one.key for one in messages]
-    done, kept, must, more, exact = Counter[str](), Counter[str](), Counter[str](), Counter[str](), Counter[str]()
+    all_keys = [item.key for item in messages]
+    done, stored, must, more, exact = Counter[str](), Counter[str](), Counter[str](), Counter[str](), Counter[str]()
     began = time.process_time()
     for number, case in enumerate(cases(data, messages, count)):
         kind = case.name.split(" at ")[0]
@@ -143,15 +143,15 @@ def campaign(data: bytes, count: int, folder: Path) -> list[str]:
         beyond = held(case, recovered, all_keys)
         done[kind] += 1
         must[kind] += len(case.must)
-        kept[kind] += len(case.must) + beyond
+        stored[kind] += len(case.must) + beyond
         more[kind] += beyond
         exact[kind] += recovered.lost_is_complete
         for used in (recovered.path, recovered.original):
             if used is not None:
                 used.unlink()
-    lines = [f"log: {len(data) / 1e6:.1f} MB, {len(messages)} messages, {len({one.chunk for one in messages})} chunks"]
+    lines = [f"log: {len(data) / 1e6:.1f} MB, {len(messages)} messages, {len({item.chunk for item in messages})} chunks"]
     lines += [
-        f"{kind:<18} {done[kind]:4d} cases: {kept[kind]:9d} messages kept of {must[kind]:9d} asked ({more[kind]} more); "
+        f"{kind:<18} {done[kind]:4d} cases: {stored[kind]:9d} messages kept of {must[kind]:9d} asked ({more[kind]} more); "
         f"loss told exactly in {exact[kind]}"
         for kind in done
     ]

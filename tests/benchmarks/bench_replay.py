@@ -33,21 +33,21 @@ def write_long_folder(experiment: Experiment, count: int, folder: Path) -> None:
     taken = experiment.pairs
     step_s = taken[1].times[0].start_s - taken[0].times[0].start_s
     lines = [HEADER]
-    kept: dict[tuple[int, int], Path] = {}
+    stored: dict[tuple[int, int], Path] = {}
     for pair in range(count):
         like = taken[pair] if pair < len(taken) else taken[1 + (pair - 1) % (len(taken) - 1)]
         later = replace(like, times=(like.times[0], like.times[1]))
         lines += frame_lines(later, pair, step_s * (pair - like.pair), 1.0)
-        for one in like.maps:
-            if one.reference == 0 and one.current % 2 and one.current > 1:
+        for item in like.maps:
+            if item.reference == 0 and item.current % 2 and item.current > 1:
                 continue
-            current = 2 * pair + one.current % 2
-            reference = one.reference and 2 * pair
+            current = 2 * pair + item.current % 2
+            reference = item.reference and 2 * pair
             path = folder / f"disparity_{reference}_{current}.csv"
-            same = kept.get((one.reference, one.current))
+            same = stored.get((item.reference, item.current))
             if same is None:
-                path.write_text(map_text(one, 6))
-                kept[one.reference, one.current] = path
+                path.write_text(map_text(item, 6))
+                stored[item.reference, item.current] = path
             else:
                 path.symlink_to(same)
     (folder / "frames.csv").write_text("\n".join([*lines, ""]))
@@ -86,18 +86,18 @@ def measured(experiment: Experiment, count: int, folder: Path, runs: int, thread
     write_long_folder(experiment, count, maps)
     _, import_s, _, import_mb = timed(["import", str(maps), "-o", str(log), "--specimen-area-mm2", "1.0", "--subset-px", "43"], threads)
     size_mb = log.stat().st_size / 2**20
-    rows, said = [], set()
+    rows, printed = [], set()
     for _ in range(runs):
         out, cpu_s, wall_s, peak_mb = timed(["replay", str(log), "--from-disparity", "--json"], threads)
-        told = json.loads(out)
-        assert told["pairs"] == count
-        assert len(told["frames"]) == 2 * count
-        said.add(out)
+        reported = json.loads(out)
+        assert reported["pairs"] == count
+        assert len(reported["frames"]) == 2 * count
+        printed.add(out)
         rows.append(
             f"| {count} | {grid.nx * grid.ny} | {size_mb:.0f} | {count / import_s:.0f} | {import_mb:.0f} "
             f"| {count / cpu_s:.1f} | {count / wall_s:.1f} | {peak_mb:.0f} |"
         )
-    assert len(said) == 1  # to the last bit, however the work was dealt out
+    assert len(printed) == 1  # to the last bit, however the work was dealt out
     return [
         "| pairs | points | log, MB | import, pairs/s | its memory, MB | "
         "replay, pairs/s of processor time | by the clock | its memory, MB |",

@@ -28,9 +28,7 @@ from semlive.diagnose.rows.series import RowSeries, row_series
 from semlive.diagnose.rows.verdict import diagnose_rows
 from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.mains_hum import MainsHum
-from semlive_simulators.effects.row_jitter import RowJitter
-from semlive_simulators.effects.vibration import Vibration
+from semlive_simulators.effects.scan_deflection import MainsHum, RowJitter, Vibration
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 
@@ -63,7 +61,7 @@ def registered(frames: Frames, percent: float, seed: int) -> list[RowSeries]:
     scan, series = load_scenario("paper_x200").scan, []
     for pair, both in enumerate(frames):
         draw = 100_000 * percent + 1000 * seed + 2 * pair
-        first, second = (expose(one, 2.55 * percent, draw + member) for member, one in enumerate(both))
+        first, second = (expose(entry, 2.55 * percent, draw + member) for member, entry in enumerate(both))
         grid = dic.grid_for(SETTINGS, scan.width_px, scan.height_px)
         within = dic.correlate(dic.prepare(first, grid, SETTINGS), second, SETTINGS, reference_frame=0, current_frame=1)
         shifts = dic.register_rows(first, second, within, segments=24)
@@ -74,9 +72,9 @@ def registered(frames: Frames, percent: float, seed: int) -> list[RowSeries]:
 def said(found: RowDiagnosis) -> str:
     """A verdict in a line."""
     effects = []
-    for one in found.effects:
-        told = ", ".join(f"{item.name} {item.value:.4f} +- {item.sigma:.4f}" for item in one.parameters)
-        effects.append(f"{one.name} ({told}; logarithm of the Bayes factor {one.log_bayes_factor:.0f})")
+    for entry in found.effects:
+        reported = ", ".join(f"{item.name} {item.value:.4f} +- {item.sigma:.4f}" for item in entry.parameters)
+        effects.append(f"{entry.name} ({reported}; logarithm of the Bayes factor {entry.log_bayes_factor:.0f})")
     gap = "" if found.gap is None else f", gap {100 * found.gap.closure:.0f} % closed"
     return f"{found.outcome.value} {'; '.join(effects)}{gap}"
 
@@ -86,24 +84,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pairs", type=int, default=8)
     parser.add_argument("--nulls", type=int, default=20, help="for each noise")
-    asked = parser.parse_args()
+    requests = parser.parse_args()
     for name, effects in CASES.items():
-        frames = rendered(asked.pairs, *effects)
+        frames = rendered(requests.pairs, *effects)
         for percent in PERCENT:
             begin = time.process_time()
             found = diagnose_rows(registered(frames, percent, 1))
             sys.stdout.write(f"{name}, noise {percent} %: {said(found)} [{time.process_time() - begin:.1f} s]\n")
             sys.stdout.flush()
-    frames, false, seeds = rendered(asked.pairs), 0, 0
+    frames, false, seeds = rendered(requests.pairs), 0, 0
     for percent in PERCENT:
-        for seed in range(asked.nulls):
+        for seed in range(requests.nulls):
             found = diagnose_rows(registered(frames, percent, 2 + seed), seed)
             seeds += 1
             if found.outcome.value != "NONE":
                 false += 1
                 sys.stdout.write(f"null, noise {percent} %, seed {seed}: {said(found)}\n")
     bound = 1.0 if false == seeds else float(beta.ppf(0.95, false + 1, seeds - false)) if seeds else 1.0
-    sys.stdout.write(f"false names: {false} of {seeds} nulls of {asked.pairs} pairs, one-sided 95 % bound {100 * bound:.1f} %\n")
+    sys.stdout.write(f"false names: {false} of {seeds} nulls of {requests.pairs} pairs, one-sided 95 % bound {100 * bound:.1f} %\n")
 
 
 if __name__ == "__main__":

@@ -93,9 +93,9 @@ def campaign(readings: int, late: float, master: str, seed: int = 1) -> dict[str
         began_s = time.monotonic()
         for _ in range(readings):
             address, length = chance.randrange(REGISTERS - 4), chance.randrange(1, 5)
-            said = read(address, length)
+            printed = read(address, length)
             truth = list(range(1000 + address, 1000 + address + length))
-            count["refused" if said is None else "right" if said == truth else "wrong"] += 1
+            count["refused" if printed is None else "right" if printed == truth else "wrong"] += 1
         took_s = time.monotonic() - began_s
         device.stdin.close()
     return {"master": master, "readings": readings, "late": late, **count, "wall_s": round(took_s, 1)}

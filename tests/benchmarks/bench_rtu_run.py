@@ -52,13 +52,13 @@ def one_run(folder: Path, bench: dict[str, Any], rate: float, name: str) -> dict
     command = [sys.executable, "-m", "semlive", "run", str(path), "--stop-on-fault"]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     counted, waits_ms, faults = 0, [], []
-    for one in messages(folder / "log" / name):
-        if one.topic == "/pair":
+    for item in messages(folder / "log" / name):
+        if item.topic == "/pair":
             counted += 1
-        elif one.topic == "/load_frame/sample":
-            waits_ms.append(1e3 * (json.loads(one.payload)["rtt_s"] or 0.0))
-        elif one.topic == "/fault":
-            faults.append(json.loads(one.payload)["what"])
+        elif item.topic == "/load_frame/sample":
+            waits_ms.append(1e3 * (json.loads(item.payload)["rtt_s"] or 0.0))
+        elif item.topic == "/fault":
+            faults.append(json.loads(item.payload)["what"])
     return {
         "exit_code": done.returncode,
         "wall_s": round(time.monotonic() - began_s, 1),
@@ -91,9 +91,9 @@ def main() -> int:
                     sys.stdout.write(json.dumps({"line": options.line, "busy": options.busy, **found}) + "\n")
                     sys.stdout.flush()
     finally:
-        for one in busy:
-            one.kill()
-            one.wait()
+        for item in busy:
+            item.kill()
+            item.wait()
     return int(failed > 0)
 
 

@@ -49,8 +49,8 @@ def pair(folder: Path) -> list[str]:
     speckle = cv2.GaussianBlur(np.random.default_rng(1).standard_normal((320, 320)), (0, 0), 2.5)
     image = np.clip(128 + 300 * speckle, 0, 255).astype(np.uint8)
     paths = [folder / "ref.png", folder / "cur.png"]
-    for path, one in zip(paths, (image, np.roll(image, 3, axis=1)), strict=True):
-        cv2.imwrite(str(path), one)
+    for path, item in zip(paths, (image, np.roll(image, 3, axis=1)), strict=True):
+        cv2.imwrite(str(path), item)
     return [str(path) for path in paths]
 
 
@@ -59,11 +59,11 @@ def command(folder: Path, work: list[str]) -> tuple[list[str], dict[str, str]]:
     environ = {"PATH": os.environ["PATH"], "PYTHONDONTWRITEBYTECODE": "1"}
     if Path("/proc/1/comm").read_text(encoding="utf-8").strip() == "systemd":
         lines = re.findall(r"^(\w+)=(.*)$", UNIT.read_text(encoding="utf-8").partition("[Service]")[2], re.MULTILINE)
-        kept = [f"--property={key}={value}" for key, value in lines if not key.startswith(LEFT_OUT)]
+        stored = [f"--property={key}={value}" for key, value in lines if not key.startswith(LEFT_OUT)]
         own = [f"--property=ReadWritePaths={folder}", f"--setenv=NUMBA_CACHE_DIR={folder}/jit"]
-        return ["systemd-run", "--wait", "--pipe", "--quiet", *kept, *own, *work], environ
+        return ["systemd-run", "--wait", "--pipe", "--quiet", *stored, *own, *work], environ
     home = Path.home()
-    inside = [one for one in (Path(sys.executable), ROOT) if one.resolve().is_relative_to(home)]
+    inside = [item for item in (Path(sys.executable), ROOT) if item.resolve().is_relative_to(home)]
     hidden = str(folder / "home") if inside else str(home)  # a Python that lives in the home folder must stay to be seen
     Path(hidden).mkdir(exist_ok=True)
     environ |= {"HOME": hidden, "CACHE_DIRECTORY": str(folder), "WRITABLE": str(folder)}
@@ -79,9 +79,9 @@ def main() -> int:
         for which in ("first", "second"):
             began = time.monotonic()
             done = subprocess.run(entered, env=environ, capture_output=True, text=True, timeout=600, check=False)
-            kept = sum(1 for _ in folder.rglob("*.nbi"))
-            sys.stdout.write(f"{which}: exit code {done.returncode}, {time.monotonic() - began:.1f} s, {kept} compiled functions kept\n")
-            if done.returncode != 0 or not kept:
+            stored = sum(1 for _ in folder.rglob("*.nbi"))
+            sys.stdout.write(f"{which}: exit code {done.returncode}, {time.monotonic() - began:.1f} s, {stored} compiled functions kept\n")
+            if done.returncode != 0 or not stored:
                 sys.stderr.write(done.stderr[-2000:])
                 return 1
         sys.stdout.write(done.stdout[:300] + "\n")

@@ -34,14 +34,14 @@ def main() -> int:
     parser.add_argument("--scenario", default="short")
     parser.add_argument("--effect", choices=list(HIDDEN), default="magnification_drift")
     parser.add_argument("--out", type=Path, default=None, help="where the runs stay; else they are deleted")
-    asked = parser.parse_args()
+    requests = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        folder = asked.out or Path(name)
+        folder = requests.out or Path(name)
         folder.mkdir(parents=True, exist_ok=True)
-        told = proved(asked.scenario, asked.effect, folder)
-    sys.stdout.write(json.dumps(told) + "\n")
-    named = [one["name"] for one in told["diagnosis"]["effects"]]
-    return int(asked.effect not in named or not told["comparison"]["confirmed"])
+        reported = proved(requests.scenario, requests.effect, folder)
+    sys.stdout.write(json.dumps(reported) + "\n")
+    named = [item["name"] for item in reported["diagnosis"]["effects"]]
+    return int(requests.effect not in named or not reported["comparison"]["confirmed"])
 
 
 def proved(scenario: str, effect: str, folder: Path) -> dict[str, Any]:
@@ -51,9 +51,9 @@ def proved(scenario: str, effect: str, folder: Path) -> dict[str, Any]:
     log = _run(measured, folder / "measured")
     diagnosis = json.loads(_semlive("diagnose", str(log), "-o", str(folder / "model.json"), "--json"))
     _semlive("simulate", str(without), "--out", str(folder / "played"), "--frames", "0", "--from", str(folder / "model.json"))
-    having = folder / "played" / "scenario.yaml"
-    logs = [log, _run(without, folder / "without"), _run(having, folder / "having")]
-    comparison = json.loads(_semlive("experiment", "compare", *(str(one) for one in logs), "--json"))
+    with_effects = folder / "played" / "scenario.yaml"
+    logs = [log, _run(without, folder / "without"), _run(with_effects, folder / "having")]
+    comparison = json.loads(_semlive("experiment", "compare", *(str(item) for item in logs), "--json"))
     return {"hidden": {effect: HIDDEN[effect]}, "diagnosis": diagnosis, "comparison": comparison}
 
 

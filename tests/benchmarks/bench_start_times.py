@@ -34,7 +34,7 @@ COMPONENTS = ("exx", "eyy", "exy")
 
 def concluded(experiment: Experiment, sigma_s: float, seed: int) -> RunResult:
     """The experiment through the pipeline, each start astray by a normal error."""
-    rng, begun = np.random.default_rng((seed, 8)), None
+    rng, started = np.random.default_rng((seed, 8)), None
 
     def astray(info: FrameInfo) -> FrameInfo:
         start = Sourced(info.start_time_ns.value + round(rng.normal(0.0, sigma_s) * 1e9), info.start_time_ns.source)
@@ -43,21 +43,21 @@ def concluded(experiment: Experiment, sigma_s: float, seed: int) -> RunResult:
     for taken in experiment.pairs:
         decision = decision_of(taken, taken.pair, AnalysisSettings())
         decision = replace(decision, first=astray(decision.first), second=astray(decision.second))
-        begun = begun or pipeline.start_from_maps(AnalysisSettings(), decision.first, experiment.grid)
-        begun = pipeline.accumulate(begun, decision, taken.maps)
-    if begun is None:
+        started = started or pipeline.start_from_maps(AnalysisSettings(), decision.first, experiment.grid)
+        started = pipeline.accumulate(started, decision, taken.maps)
+    if started is None:
         raise ValueError("an experiment has pairs")
-    return pipeline.finalise(begun)
+    return pipeline.finalise(started)
 
 
 def errors(experiment: Experiment, result: RunResult) -> dict[str, list[float]]:
     """Rms over the frames, 1e-6, for exx, eyy, exy."""
     wrong, stated = [], []
-    for one in (frame.summary for frame in result.frames if frame.summary.frame > 1):
-        true = experiment.pairs[one.frame // 2].seen[-1].gradient
+    for item in (frame.summary for frame in result.frames if frame.summary.frame > 1):
+        true = experiment.pairs[item.frame // 2].seen[-1].gradient
         truth = (true[0, 0], true[1, 1], 0.5 * (true[0, 1] + true[1, 0]))
-        wrong.append([getattr(one.mean, name) - value for name, value in zip(COMPONENTS, truth, strict=True)])
-        stated.append([getattr(one.mean_sigma, name) for name in COMPONENTS])
+        wrong.append([getattr(item.mean, name) - value for name, value in zip(COMPONENTS, truth, strict=True)])
+        stated.append([getattr(item.mean_sigma, name) for name in COMPONENTS])
     rms = {"error": wrong, "stated": stated}
     return {name: np.round(1e6 * np.sqrt(np.mean(np.square(values), axis=0)), 2).tolist() for name, values in rms.items()}
 
@@ -70,8 +70,8 @@ def main() -> None:
     arguments = parser.parse_args()
     for seed in range(arguments.seeds):
         experiment = make_experiment(CASES["tension"], seed, GRID, 9)
-        told = {str(sigma_s): errors(experiment, concluded(experiment, sigma_s, seed)) for sigma_s in (0.0, arguments.sigma_s)}
-        sys.stdout.write(json.dumps({"seed": seed, "start_sigma_s": told}) + "\n")
+        reported = {str(sigma_s): errors(experiment, concluded(experiment, sigma_s, seed)) for sigma_s in (0.0, arguments.sigma_s)}
+        sys.stdout.write(json.dumps({"seed": seed, "start_sigma_s": reported}) + "\n")
 
 
 if __name__ == "__main__":

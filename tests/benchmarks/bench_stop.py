@@ -90,9 +90,9 @@ def measured(runs: int, workers: int) -> dict[str, object]:
     assert frame.stdin is not None
     assert frame.stdout is not None
     try:
-        for one in busy:
-            assert one.stdout is not None
-            one.stdout.readline()
+        for item in busy:
+            assert item.stdout is not None
+            item.stdout.readline()
         port = int(frame.stdout.readline())
         limits = Limits(-50.0, 900.0, -1.0, 1.0, 50.0, 900.0, 100.0)
         events: list[Event] = []
@@ -119,16 +119,16 @@ def measured(runs: int, workers: int) -> dict[str, object]:
             from_violation.append(1e3 * violation_s)
         link.close()
     finally:
-        for one in (*busy, frame):
-            one.kill()
-            one.wait()
+        for item in (*busy, frame):
+            item.kill()
+            item.wait()
     return {
         "runs": runs,
         "workers": workers,
         "processors": os.cpu_count(),
         "load_average": round(os.getloadavg()[0], 1),
         "polling_ms": 1e3 * POLL_S,
-        "links_lost": sum(isinstance(one, LinkLost) for one in events),
+        "links_lost": sum(isinstance(item, LinkLost) for item in events),
         "from_reading_ms": _figures(from_reading),
         "from_violation_ms": _figures(from_violation),
     }
@@ -141,7 +141,7 @@ def _ready(process: subprocess.Popen[str]) -> bool:
 
 def _figures(values: list[float]) -> dict[str, float]:
     names = ("median", "p99", "worst")
-    return dict(zip(names, (round(float(one), 1) for one in np.percentile(values, [50, 99, 100])), strict=True))
+    return dict(zip(names, (round(float(item), 1) for item in np.percentile(values, [50, 99, 100])), strict=True))
 
 
 def main() -> int:

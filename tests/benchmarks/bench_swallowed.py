@@ -116,9 +116,9 @@ def main() -> None:
     parser.add_argument("--effect", choices=list(DETECTABLE_PX), default="magnification_drift")
     parser.add_argument("--peak-px", type=float, default=0.4)
     parser.add_argument("--seed", type=int, default=701)
-    asked = parser.parse_args()
-    seen = experiment(asked.effect, asked.peak_px, Conditions(asked.seed))
-    sys.stdout.write(told(asked.effect, swallowed(seen), diagnose(seen)))
+    requests = parser.parse_args()
+    seen = experiment(requests.effect, requests.peak_px, Conditions(requests.seed))
+    sys.stdout.write(told(requests.effect, swallowed(seen), diagnose(seen)))
 
 
 if __name__ == "__main__":

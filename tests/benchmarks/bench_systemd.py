@@ -72,8 +72,8 @@ class Machine:
 
     def unit(self, name: str) -> dict[str, str]:
         """What systemd says of a unit."""
-        wanted = "ActiveState,SubState,Result,StatusText,MainPID,WatchdogUSec,ExecMainStatus,ExecMainCode"
-        return dict(line.split("=", 1) for line in self.run("systemctl", "show", "-p", wanted, name).splitlines())
+        required = "ActiveState,SubState,Result,StatusText,MainPID,WatchdogUSec,ExecMainStatus,ExecMainCode"
+        return dict(line.split("=", 1) for line in self.run("systemctl", "show", "-p", required, name).splitlines())
 
     def until(self, true: Callable[[], object], what: str, timeout_s: float = 120.0) -> None:
         """Wait for something that must come."""
@@ -153,8 +153,8 @@ def main() -> int:
         root.mkdir(parents=True, exist_ok=True)
         made(root)
         bench = root / "srv" / "bench"
-        for one in (bench, root / "var" / "lib" / "semlive"):
-            shutil.rmtree(one, ignore_errors=True)
+        for item in (bench, root / "var" / "lib" / "semlive"):
+            shutil.rmtree(item, ignore_errors=True)
         bench.mkdir(parents=True)
         (bench / "scenario.yaml").write_text(yaml.safe_dump(SCENARIO), encoding="utf-8")
         with booted(root) as machine:
@@ -185,15 +185,15 @@ class Trial:
         deployed(machine, self._config(RUN), RUN)
         began_s = time.monotonic()
         machine.run("systemctl", "start", unit)
-        told = machine.unit(unit)
-        ready = told["ActiveState"] == "active"
-        self._tell(f"started and ready in {time.monotonic() - began_s:.0f} s: {told['ActiveState']}, {told['StatusText']}", ready)
+        reported = machine.unit(unit)
+        ready = reported["ActiveState"] == "active"
+        self._tell(f"started and ready in {time.monotonic() - began_s:.0f} s: {reported['ActiveState']}, {reported['StatusText']}", ready)
         exposure = machine.run("systemd-analyze", "security", "--no-pager", unit, check=False).splitlines()[-1]
         self._tell(exposure.strip(" →"), float(exposure.split(": ")[1].split()[0]) <= 2.5)
         machine.until(lambda: "2 pairs analysed" in self._journal(unit), "two pairs")
         self._tell("the live page's address is in the journal", "live page: http://127.0.0.1:8765/#token=" in self._journal(unit))
-        kept = sum(1 for _ in (machine.root / "var" / "cache" / "semlive").rglob("*.nbi"))
-        self._tell(f"{kept} compiled functions are kept in /var/cache/semlive", kept > 0)
+        stored = sum(1 for _ in (machine.root / "var" / "cache" / "semlive").rglob("*.nbi"))
+        self._tell(f"{stored} compiled functions are kept in /var/cache/semlive", stored > 0)
         began_s = time.monotonic()
         machine.run("systemctl", "stop", unit)
         took_s, log = time.monotonic() - began_s, list((machine.root / "var" / "lib" / "semlive" / "runs" / RUN).glob("*.mcap"))

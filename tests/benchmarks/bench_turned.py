@@ -32,11 +32,10 @@ from semlive.data.grid import Grid
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.experiments.protocols import SQUARE_HALF_WIDTH_PX, square_px
 from semlive.diagnose.two_runs.decide import compare_runs
-from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
+from semlive_simulators.effects.image_field import AnisotropicPixel, ScanNonorthogonality
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.scan_nonlinearity import ScanNonlinearity
-from semlive_simulators.effects.scan_nonorthogonality import ScanNonorthogonality
-from semlive_simulators.effects.stage_backlash import StageBacklash
+from semlive_simulators.effects.scan_deflection import ScanNonlinearity
+from semlive_simulators.effects.specimen_motion import StageBacklash
 
 SEEN = Grid(200, 200, 24, 26, 21, 43)
 """What moves of 150 px and 20 px of drift leave in view."""
@@ -187,8 +186,8 @@ def false_names(one: dict[str, Any]) -> list[str]:
     wrong = [name for name in one["named"] if name not in kind.names]
     if not kind.with_scan:
         return wrong
-    told = {PIXEL: one["x_excess"], SKEW: one["skew"]}
-    return [name for name in wrong if abs(told[name][0] - told[name][2]) > 3.0 * told[name][1]]
+    reported = {PIXEL: one["x_excess"], SKEW: one["skew"]}
+    return [name for name in wrong if abs(reported[name][0] - reported[name][2]) > 3.0 * reported[name][1]]
 
 
 def table(found: list[dict[str, Any]]) -> str:
@@ -202,13 +201,13 @@ def table(found: list[dict[str, Any]]) -> str:
         place = {True: "scan", False: "both" if kind.of_ramps else "neither" if kind.another else "column"}[kind.with_scan]
         right = sum(set(kind.names) <= set(one["named"]) for one in own)
         wrong = sum(bool(false_names(one)) for one in own)
-        told = f"{right} of {len(own)} (at least {100 * at_least(right, len(own)):.0f} %)" if kind.names else ""
+        reported = f"{right} of {len(own)} (at least {100 * at_least(right, len(own)):.0f} %)" if kind.names else ""
         axes = [one[axis] for one in own for axis in ("x_excess", "skew")]
         sigma = sorted(one[1] for one in axes)[len(axes) // 2]
         within = sum(abs(value - true) < 1.645 * sigma for value, sigma, true in axes)
         inside = "" if kind.another else f"{within} of {len(axes)}"
         at = sum(one["follows"] == place for one in own)
-        lines.append(f"| {kind.about} | {told} | {wrong} | {at} of {len(own)}: {place} | {100 * sigma:.3f} % | {inside} |")
+        lines.append(f"| {kind.about} | {reported} | {wrong} | {at} of {len(own)}: {place} | {100 * sigma:.3f} % | {inside} |")
     return "\n".join(lines) + "\n" + _usual(found) + _nulls([one for one in found if one["kind"] == "nothing"])
 
 

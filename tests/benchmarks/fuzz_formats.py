@@ -119,7 +119,7 @@ def _of_sample(path: Path, image: np.ndarray) -> list[Seed]:
     if path.suffix != ".tif":
         return []
     data = path.read_bytes()
-    directory = tiff.first_directory(data, path.name)
+    directory = tiff.directories(data, path.name)[0]
     told = [(code, raw) for code in VENDOR_TAGS if (raw := directory.raw(data, code)) is not None]
     return [_seed(_small_tiff(image, told), None)] if told else []
 
@@ -133,7 +133,7 @@ def _small_tiff(image: np.ndarray, told: list[tuple[int, bytes]]) -> bytes:
 def _seed(data: bytes, sidecar: bytes | None) -> Seed:
     if not tiff.is_tiff(data):
         return Seed(data, sidecar, (0, len(data)))
-    directory = tiff.first_directory(data, "a")
+    directory = tiff.directories(data, "a")[0]
     texts = [directory.tags[code] for code in VENDOR_TAGS if code in directory.tags]
     longest = max(texts, key=lambda one: one.nbytes, default=None)
     return Seed(data, sidecar, (0, len(data)) if longest is None else (longest.offset, longest.offset + longest.nbytes))

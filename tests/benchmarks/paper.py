@@ -49,11 +49,11 @@ def run_demo(scenario: str, folder: Path, rate: float, *, quick: bool, seed: int
 
 def section(figures: RunFigures, paper: PaperFigures, scenario: str) -> str:
     """What stands between a scenario's markers."""
-    said = f"{figures.frames} frames, {figures.points} points in each. The gauge is (points - 1) × step + subset."
+    printed = f"{figures.frames} frames, {figures.points} points in each. The gauge is (points - 1) × step + subset."
     return "\n\n".join(
         (
             markdown(figures, paper),
-            said,
+            printed,
             f"![Scatter of displacement and strain against gauge length, {paper.title}]({scenario.replace('_', '-')}.svg)",
             "All frames and components together, root mean square:",
             curve_markdown(figures),
@@ -110,8 +110,8 @@ def main() -> int:
 def write_docs(scenario: str, text: str, svg: str, seeds: str) -> None:
     """Put the results of a run, and of its seeds if there are any, into the page."""
     page = DOCS / "paper.md"
-    told = write_between(page.read_text(encoding="utf-8"), scenario, text)
-    page.write_text(write_between(told, f"{scenario}_seeds", seeds) if seeds else told, encoding="utf-8")
+    reported = write_between(page.read_text(encoding="utf-8"), scenario, text)
+    page.write_text(write_between(reported, f"{scenario}_seeds", seeds) if seeds else reported, encoding="utf-8")
     (DOCS / f"{scenario.replace('_', '-')}.svg").write_text(svg, encoding="utf-8")
 
 

@@ -52,8 +52,8 @@ def as_ncorr(one: DisparityMap, path: Path) -> None:
     inside = slice(grid.y0_px // grid.step_px, None), slice(grid.x0_px // grid.step_px, None)
     u[inside], v[inside], mask[inside] = one.u_px * PIXEL_UM, one.v_px * PIXEL_UM, one.valid
     shown = {"plot_u_ref_formatted": u, "plot_v_ref_formatted": v, "roi_ref_formatted": {"mask": mask}}
-    told = {"spacing": float(grid.step_px - 1), "pixtounits": PIXEL_UM, "units": "um"}
-    scipy.io.savemat(path, {"data_dic_save": {"displacements": shown, "dispinfo": told}})
+    reported = {"spacing": float(grid.step_px - 1), "pixtounits": PIXEL_UM, "units": "um"}
+    scipy.io.savemat(path, {"data_dic_save": {"displacements": shown, "dispinfo": reported}})
 
 
 def imported(experiment: Experiment, folder: Path) -> Path:
@@ -71,11 +71,11 @@ def imported(experiment: Experiment, folder: Path) -> Path:
     run("import", str(folder), "-o", str(log), "--specimen-area-mm2", "1.0")
     for (reference, current), one in maps.items():
         x, y, u, v, valid = np.loadtxt(folder / f"disparity_{reference}_{current}.csv", delimiter=",", skiprows=1).T
-        seen = valid == 1
-        at = ((y[seen] - one.grid.y0_px) / STEP_PX).astype(int), ((x[seen] - one.grid.x0_px) / STEP_PX).astype(int)
-        assert seen.sum() == one.valid.sum()
-        for told, field in ((u, one.u_px), (v, one.v_px)):
-            np.testing.assert_allclose(told[seen], field[at], rtol=1e-8, atol=1e-9)
+        observed = valid == 1
+        at = ((y[observed] - one.grid.y0_px) / STEP_PX).astype(int), ((x[observed] - one.grid.x0_px) / STEP_PX).astype(int)
+        assert observed.sum() == one.valid.sum()
+        for reported, field in ((u, one.u_px), (v, one.v_px)):
+            np.testing.assert_allclose(reported[observed], field[at], rtol=1e-8, atol=1e-9)
     return log
 
 
@@ -101,9 +101,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="semlive-octave-") as name:
         folder = Path(name)
         log = imported(experiment, folder)
-        told = json.loads(run("replay", str(log), "--json"))
+        reported = json.loads(run("replay", str(log), "--json"))
         sys.stdout.write(
-            f"Ncorr's lines ran on {len(list(folder.glob('ncorr_*.mat')))} files; {told['pairs']} pairs replayed: {told['elastic']}\n"
+            f"Ncorr's lines ran on {len(list(folder.glob('ncorr_*.mat')))} files; "
+            f"{reported['pairs']} pairs replayed: {reported['elastic']}\n"
         )
         export_opens(log, folder)
 

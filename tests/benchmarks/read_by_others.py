@@ -39,19 +39,19 @@ def viewers_understand(schema: dict[str, Any], where: str) -> None:
         AssertionError: such a viewer would show nothing of the topic.
     """
     assert schema.get("type") == "object", where
-    for name, one in schema["properties"].items():
-        kind = one.get("type")
+    for name, entry in schema["properties"].items():
+        kind = entry.get("type")
         if kind == "object":
-            viewers_understand(one, f"{where}.{name}")
+            viewers_understand(entry, f"{where}.{name}")
         elif kind == "array":
-            item = one["items"]
+            item = entry["items"]
             if item.get("type") == "object":
                 viewers_understand(item, f"{where}.{name}")
             else:
                 assert item.get("type") in SCALARS, f"{where}.{name}: {item}"
         else:
-            assert kind in SCALARS, f"{where}.{name}: {one}"
-        assert "oneOf" not in one, f"{where}.{name}"
+            assert kind in SCALARS, f"{where}.{name}: {entry}"
+        assert "oneOf" not in entry, f"{where}.{name}"
 
 
 def check_messages(path: Path) -> dict[str, dict[str, Any]]:
@@ -69,10 +69,10 @@ def check_messages(path: Path) -> dict[str, dict[str, Any]]:
         validators = {}
         for schema in summary.schemas.values():
             if schema.encoding == "jsonschema":
-                told = json.loads(schema.data)
-                Draft202012Validator.check_schema(told)
-                viewers_understand(told, schema.name)
-                validators[schema.id] = Draft202012Validator(told)
+                reported = json.loads(schema.data)
+                Draft202012Validator.check_schema(reported)
+                viewers_understand(reported, schema.name)
+                validators[schema.id] = Draft202012Validator(reported)
         for _, channel, message in reader.iter_messages():
             if channel.message_encoding == "json":
                 payload = json.loads(message.data)
@@ -80,7 +80,7 @@ def check_messages(path: Path) -> dict[str, dict[str, Any]]:
                 if message.sequence % 10 == 0 or not channel.topic.endswith("/sample"):
                     validators[channel.schema_id].validate(payload)
                 newest[channel.topic] = newest.get(channel.topic, {}) | payload
-        pictures = [one.topic for one in summary.channels.values() if one.message_encoding == "protobuf"]
+        pictures = [entry.topic for entry in summary.channels.values() if entry.message_encoding == "protobuf"]
         for schema, channel, message, decoded in reader.iter_decoded_messages(topics=pictures):
             assert schema is not None
             own = getattr(foxglove.messages, schema.name.removeprefix("foxglove."))

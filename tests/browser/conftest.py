@@ -106,10 +106,10 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], 
             return made[-1]
 
         yield make
-        for one in made:
-            if one.process is not None and one.process.poll() is None:
-                one.process.kill()
-                one.process.wait()
+        for item in made:
+            if item.process is not None and item.process.poll() is None:
+                item.process.kill()
+                item.process.wait()
 
 
 @pytest.fixture(scope="module")

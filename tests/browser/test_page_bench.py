@@ -15,12 +15,12 @@ BENCH = Path(__file__).parents[1] / "benchmarks" / "bench_page.py"
 @pytest.mark.usefixtures("chromium_peer")
 def test_every_event_is_seen_and_a_pressed_week_does_not_grow() -> None:
     briefly = ["--paints", "1", "--events", "10", "--viewers", "3", "--seconds", "1", "--readings", "2000"]
-    told = subprocess.run([sys.executable, str(BENCH), *briefly], capture_output=True, text=True, timeout=280, check=True).stdout
-    seen = re.search(r"log to page: (\d+) of 10 events", told)
+    reported = subprocess.run([sys.executable, str(BENCH), *briefly], capture_output=True, text=True, timeout=280, check=True).stdout
+    observed = re.search(r"log to page: (\d+) of 10 events", reported)
     # Lines that come faster than a busy computer draws are drawn together.
-    assert seen is not None
-    assert int(seen[1]) >= 3
-    assert re.search(r"3 viewers: .*, (?!0\.0)[\d.]+ kB/s each", told)
-    heaps = [float(heap) for heap in re.findall(r"heap ([\d.]+) MB", told)]
+    assert observed is not None
+    assert int(observed[1]) >= 3
+    assert re.search(r"3 viewers: .*, (?!0\.0)[\d.]+ kB/s each", reported)
+    heaps = [float(heap) for heap in re.findall(r"heap ([\d.]+) MB", reported)]
     assert len(heaps) == 4
     assert heaps[-1] < heaps[0] + 5.0

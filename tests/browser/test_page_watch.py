@@ -82,8 +82,8 @@ def test_an_experiment_is_watched_steered_interrupted_and_completed(
     completed(run, page)
     shoot(page, "complete")
     assert run.end() == 0, run.said
-    said = [told["what"] for told in run.logged("/operator")]
-    assert said == ["start", "pause", "resume", "resume"]
+    printed = [reported["what"] for reported in run.logged("/operator")]
+    assert printed == ["start", "pause", "resume", "resume"]
     with served(run.log) as shows:
         tablet = tab(viewport={"width": 820, "height": 1180})
         looked_at(tablet, shows, shoot)
@@ -101,8 +101,8 @@ def begun(run: Any) -> Path:
     path = run.folder / "begun.mcap"
     with path.open("wb") as stream:
         writer = LogWriter(stream)
-        for told in takewhile(lambda message: message.topic != "/state", messages(run.log)):
-            writer.write(told.topic, told.payload, told.log_time_ns, told.publish_time_ns)
+        for reported in takewhile(lambda message: message.topic != "/state", messages(run.log)):
+            writer.write(reported.topic, reported.payload, reported.log_time_ns, reported.publish_time_ns)
         writer.finish()
     return path
 
@@ -187,8 +187,8 @@ def test_a_person_enters_loads_on_the_page_and_a_limit_stops_all(
     page.get_by_role("button", name="Stop").click()
     assert run.end() == 1
     assert run.logged("/state")[-1]["after"] == "aborted"
-    (told,) = [one["args"] for one in run.logged("/operator") if one["what"] == "acknowledge"]
-    assert told["by"] == "page at 127.0.0.1"
+    (reported,) = [item["args"] for item in run.logged("/operator") if item["what"] == "acknowledge"]
+    assert reported["by"] == "page at 127.0.0.1"
     with served(run.log) as shows:
         page.goto(shows)
         expect(page.locator("#alarms")).to_contain_text("page at 127.0.0.1")

@@ -77,7 +77,7 @@ def until(true: Callable[[], bool], timeout_s: float = 100.0) -> None:
         time.sleep(0.01)
 
 
-def test_every_line_says_whole_steps_of_the_load_cell(tmp_path: Path, line: str) -> None:
+def test_every_line_reports_whole_steps_of_the_load_cell(tmp_path: Path, line: str) -> None:
     with served(tmp_path) as (tcp, serial, handle, machine):
         tcp.write_registers(0, [*f32(1201.0), *f32(100.0), 1, 1, 0, 0], device_id=UNIT)
         until(lambda: tcp.read_input_registers(3, count=1, device_id=UNIT).registers == [0])
@@ -86,12 +86,12 @@ def test_every_line_says_whole_steps_of_the_load_cell(tmp_path: Path, line: str)
             "rtu": lambda: force_in_registers(serial),
             "serial": lambda: force_in_letters(handle),
         }
-        said = [ask[line]() for _ in range(15)]
+        printed = [ask[line]() for _ in range(15)]
         true_n = machine.window(1e9, 1e9).force_mean_n
-        first = said[-1]
+        first = printed[-1]
         until(lambda: ask[line]() != first)  # noise of 1 N leads from one step to the next
-    assert {force_n % 2.5 for force_n in said} == {0.0}
-    assert statistics.fmean(said) == pytest.approx(true_n, abs=4 * (1.0 + 2.5**2 / 12) ** 0.5 / 15**0.5 + 3.0)  # 3 N relax meanwhile
+    assert {force_n % 2.5 for force_n in printed} == {0.0}
+    assert statistics.fmean(printed) == pytest.approx(true_n, abs=4 * (1.0 + 2.5**2 / 12) ** 0.5 / 15**0.5 + 3.0)  # 3 N relax meanwhile
 
 
 def test_a_reading_is_the_nearest_step_and_none_by_default() -> None:

@@ -155,7 +155,7 @@ def test_frozen_readings_stand_still_with_their_counter_while_the_machine_goes_o
     assert bench.value(4) > 900.0
 
 
-def test_a_gage_with_a_broken_wire_says_nothing(bench: Served) -> None:
+def test_a_gage_with_a_broken_wire_reports_nothing(bench: Served) -> None:
     bench.order(MachineFault.GAGE_OFF, hundredths=60_000)
     bench.until(lambda: bench.value(301) != bench.value(301))
     assert abs(bench.value(4)) < 10.0
@@ -163,7 +163,7 @@ def test_a_gage_with_a_broken_wire_says_nothing(bench: Served) -> None:
     assert abs(bench.value(301)) < 15e-6
 
 
-def test_a_frame_during_which_the_gage_said_nothing_has_an_empty_field(tmp_path: Path) -> None:
+def test_a_frame_during_which_the_gage_reported_nothing_has_an_empty_field(tmp_path: Path) -> None:
     path = tmp_path / "off.yaml"
     path.write_text(
         "extends: paper_x200\nscan: {width_px: 64, height_px: 48, frame_time_s: 10.0}\n"
@@ -172,6 +172,6 @@ def test_a_frame_during_which_the_gage_said_nothing_has_an_empty_field(tmp_path:
     )
     assert main(["--scenario", str(path), "--out", str(tmp_path / "out")]) == 0
     lines = (tmp_path / "out" / "frames.csv").read_text().splitlines()
-    said = [line.split(",")[-1] for line in lines[1:]]
-    assert said[:2] == ["", ""]
-    assert float(said[2]) == pytest.approx(1.005 * 300.0 / 711_000 + 4e-6, abs=1e-5)
+    printed = [line.split(",")[-1] for line in lines[1:]]
+    assert printed[:2] == ["", ""]
+    assert float(printed[2]) == pytest.approx(1.005 * 300.0 / 711_000 + 4e-6, abs=1e-5)

@@ -143,7 +143,7 @@ def test_the_stage_goes_near_where_it_is_told(bench: Served) -> None:
 
 
 @pytest.mark.parametrize("mode", ["continuous"], indirect=True)
-def test_the_beam_is_shifted_beside_the_stage_with_errors_of_its_own(bench: Served) -> None:
+def test_the_beam_is_shifted_next_to_the_stage_with_errors_of_its_own(bench: Served) -> None:
     assert bench.inputs(400, 1) == [0]
     bench.client.write_registers(400, [*f32(20.0), *f32(-10.0), 1, 3], device_id=1)
     bench.until(lambda: bench.inputs(400, 1) == [0] and abs(read_f32(bench.inputs(401, 2)) - 20.0) < 0.1)
@@ -158,13 +158,13 @@ def test_the_beam_is_shifted_beside_the_stage_with_errors_of_its_own(bench: Serv
 
 
 @pytest.mark.parametrize("mode", ["continuous"], indirect=True)
-def test_a_strain_gage_says_the_strain_and_a_fault_its_reason(bench: Served) -> None:
+def test_a_strain_gage_reports_the_strain_and_a_fault_its_reason(bench: Served) -> None:
     assert bench.inputs(300, 1) == [0]
     assert abs(read_f32(bench.inputs(301, 2))) < 15e-6
     bench.client.write_registers(0, [*f32(1000.0), *f32(100.0), 1, 1, 0, 0], device_id=1)
     bench.until(lambda: bench.inputs(3, 1) == [0])
-    said = read_f32(bench.inputs(301, 2))
-    assert said == pytest.approx(1.005 * 1000.0 / 711_000 + 4e-6, abs=16e-6)
+    printed = read_f32(bench.inputs(301, 2))
+    assert printed == pytest.approx(1.005 * 1000.0 / 711_000 + 4e-6, abs=16e-6)
     bench.machine.trip_watchdog()
     assert bench.inputs(3, 1) == [2]
     assert bench.inputs(300, 1) == [2]

@@ -167,7 +167,7 @@ def test_trouble_counts_replies_and_keeps_to_its_line(bench: Troubled) -> None:
         assert [asked(rtu, 0, 2) is None for _ in range(3)] == [True, True, False]
 
 
-def test_the_driver_says_link_error_or_the_truth_and_a_new_link_works(bench: Troubled) -> None:
+def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: Troubled) -> None:
     bench.machine.ramp_to(200.0, 100.0)
     wait_until(lambda: bench.machine.read(bench.now_ns()).force_n > 195.0)
     settings = {"port": bench.port, "timeout_s": TIMEOUT_S, "watchdog_s": 0.0}
@@ -247,13 +247,13 @@ def test_a_scenario_plans_trouble_for_a_while(tmp_path: Path) -> None:
         found = troubles.take(line, troubles.mark())
         return found.kind if found else None
 
-    seen: list[tuple[LineFault | None, LineFault | None]] = []
+    observed: list[tuple[LineFault | None, LineFault | None]] = []
     clock.now_ns = lambda: now  # type: ignore[method-assign]
     for second in (19, 21, 26, 31, 66):
         now = clock.start_ns + second * 1_000_000_000
-        seen.append((what(Line.TCP), what(Line.RTU)))
+        observed.append((what(Line.TCP), what(Line.RTU)))
     late, lost = LineFault.LATE, LineFault.LOST
-    assert seen == [(None, None), (lost, None), (lost, late), (late, late), (None, None)]
+    assert observed == [(None, None), (lost, None), (lost, late), (late, late), (None, None)]
 
 
 def test_nothing_is_slower_for_it(bench: Troubled) -> None:

@@ -47,8 +47,8 @@ def check(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     def run(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["semlive", "frame", "check", *arguments])
         code = run_app()
-        said = capsys.readouterr()
-        return code, said.out, said.err.strip()
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err.strip()
 
     return run
 
@@ -62,10 +62,10 @@ def test_a_look_at_the_bench_finds_it_sound_and_writes_nothing(bench: tuple[int,
     found = json.loads(out)
     assert found["sound"]
     assert found["confirmed"]
-    said = {finding["what"]: finding for finding in found["findings"]}
-    assert said["identity"]["said"] == "0x5e31"
-    assert said["order of words"]["verdict"] == "good"
-    assert said["counter counts"]["verdict"] == "good"
+    printed = {finding["what"]: finding for finding in found["findings"]}
+    assert printed["identity"]["said"] == "0x5e31"
+    assert printed["order of words"]["verdict"] == "good"
+    assert printed["counter counts"]["verdict"] == "good"
     with ModbusTcpClient("127.0.0.1", port=port) as client:
         assert client.read_holding_registers(0, count=8, device_id=UNIT).registers == [0] * 8
 
@@ -117,9 +117,9 @@ def test_orders_that_the_device_cannot_hold_are_refused_before_any_run(bench: tu
     reach = ["--host", "127.0.0.1", "--port", str(port)]
     code, out, error = check("bench", *reach, "--load", "100", "--load", "-20", "--rate", "5", "--json")
     assert code == 0, error
-    said = {finding["what"]: finding for finding in json.loads(out)["findings"]}
-    assert said["100 N at 5 N/s"]["verdict"] == "good"
-    assert said["-20 N at 5 N/s"]["verdict"] == "good"
+    printed = {finding["what"]: finding for finding in json.loads(out)["findings"]}
+    assert printed["100 N at 5 N/s"]["verdict"] == "good"
+    assert printed["-20 N at 5 N/s"]["verdict"] == "good"
     scaled = tmp_path / "scaled.yaml"
     target = "target: {kind: holding, address: 0, dtype: f32}"
     assert target in map_text("bench")

@@ -18,7 +18,7 @@ from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 KEYS = ["file", "vendor", "width", "height", "databar_rows", "dwell_time_s", "row_time_s", "frame_time_s", "integrations"]
-KEYS += ["pixel_size_m", "acquired", "complete", "problems"]
+KEYS += ["pixel_size_m", "acquired", "complete", "problems", "geometry"]
 END_NS = 1_772_439_825_123_456_789
 
 

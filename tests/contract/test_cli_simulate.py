@@ -97,7 +97,7 @@ def test_it_takes_the_time_that_motion_hold_and_scan_take(truth: dict[str, Any],
     assert truth["drift"]["time_ns"][-1] * 1e-9 > truth["start_time_ns"] * 1e-9 + start_s[-1] + 23.67
 
 
-def test_load_and_shift_are_what_was_asked_for_within_the_machines_errors(truth: dict[str, Any], table: list[dict[str, str]]) -> None:
+def test_load_and_shift_are_what_was_requested_within_the_machines_errors(truth: dict[str, Any], table: list[dict[str, str]]) -> None:
     for row, frame in zip(table, truth["frames"], strict=True):
         commanded = np.array([float(row["shift_x_px"]), float(row["shift_y_px"])])
         carried = np.array([0.0007, -0.0019]) * frame["load_mean_n"]
@@ -190,9 +190,9 @@ def test_a_planned_emergency_stop_ends_the_experiment_in_one_sentence(tmp_path: 
     path = scenario_file(tmp_path)
     path.write_text(path.read_text() + "faults: [{at_s: 345.0, what: emergency_stop, lasts_s: 10.0}]\n")
     assert frames(path, "--out", tmp_path / "out", "--frames", "0,7") == 2
-    said = capsys.readouterr().err
-    assert "a load of 1800 N ends in a fault" in said  # pressed while a frame at 400 N was scanned
-    assert said.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert "a load of 1800 N ends in a fault" in printed  # pressed while a frame at 400 N was scanned
+    assert printed.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -226,15 +226,15 @@ def test_the_papers_scenarios_give_the_same_bytes_again(tmp_path: Path, name: st
     path.write_text(f"extends: {name}\nscan: {{width_px: 160, height_px: 138}}\nexport: {{databar_rows: 30}}\n{stops}\n")
     for folder in ("one", "two"):
         assert frames(path, "--out", tmp_path / folder, "--frames", "0,3") == 0
-    one, two = contents(tmp_path / "one"), contents(tmp_path / "two")
-    assert len(one) == 4
-    assert {file: data for file, (data, _) in one.items()} == {file: data for file, (data, _) in two.items()}
+    item, two = contents(tmp_path / "one"), contents(tmp_path / "two")
+    assert len(item) == 4
+    assert {file: data for file, (data, _) in item.items()} == {file: data for file, (data, _) in two.items()}
     assert frames(path, "--out", tmp_path / "other", "--frames", "0,3", "--seed", "99") == 0
     other = contents(tmp_path / "other")
-    assert all(other[file][0] != one[file][0] for file in one if file != "frames.csv")
+    assert all(other[file][0] != item[file][0] for file in item if file != "frames.csv")
 
 
-def test_a_frame_that_takes_longer_than_its_header_says_is_played_so(tmp_path: Path) -> None:
+def test_a_frame_that_takes_longer_than_its_header_reports_is_played_so(tmp_path: Path) -> None:
     path = scenario_file(tmp_path)
     path.write_text(path.read_text() + "effects: {wrong_row_time: {row_time_error: 0.1}}\n")
     assert frames(path, "--out", tmp_path / "out", "--frames", "0,1") == 0

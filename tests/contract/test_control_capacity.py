@@ -93,10 +93,10 @@ def connections(port: int, count: int, sent: bytes = b"") -> Iterator[list[socke
     """So many connections that send something, or nothing, and then wait."""
     with contextlib.ExitStack() as stack:
         opened = [stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20)) for _ in range(count)]
-        for one in opened:
+        for item in opened:
             # It may have been closed already in favour of a newer one.
             with contextlib.suppress(OSError):
-                one.sendall(sent)
+                item.sendall(sent)
         yield opened
 
 
@@ -107,23 +107,23 @@ def renewed(port: int, count: int, sent: bytes = b"") -> Iterator[None]:
 
     def keep() -> None:
         while not over.is_set():
-            with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=20) as one:
-                one.settimeout(0.2)
-                one.sendall(sent)
+            with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=20) as item:
+                item.settimeout(0.2)
+                item.sendall(sent)
                 while not over.is_set():
                     with contextlib.suppress(TimeoutError):
-                        if not one.recv(4096):
+                        if not item.recv(4096):
                             break
 
     threads = [threading.Thread(target=keep) for _ in range(count)]
-    for one in threads:
-        one.start()
+    for item in threads:
+        item.start()
     try:
         yield
     finally:
         over.set()
-        for one in threads:
-            one.join()
+        for item in threads:
+            item.join()
 
 
 def ask(stand: Stand, verb: OperatorCommand) -> RequestStatus:
@@ -175,8 +175,8 @@ def flooded(port: int, sent: bytes) -> Iterator[None]:
     finally:
         over.set()
         thread.join()
-        for one in held:
-            one.close()
+        for item in held:
+            item.close()
 
 
 @pytest.mark.parametrize("sent", [b"", b"GET /about HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\n"])
@@ -200,9 +200,9 @@ def test_control_takes_a_request_while_others_hold_its_socket(stand: Stand, sent
 def test_of_many_viewers_at_once_no_more_come_in_than_may(stand: Stand) -> None:
     ask_events = f"GET /events HTTP/1.1\r\nhost: 127.0.0.1:{stand.port}\r\n\r\n".encode()
     with connections(stand.port, 180) as opened:
-        for one in opened:
-            one.sendall(ask_events)
-        statuses = [one.recv(4096).split(b" ", 2)[1] for one in opened]
+        for item in opened:
+            item.sendall(ask_events)
+        statuses = [item.recv(4096).split(b" ", 2)[1] for item in opened]
     assert statuses.count(b"200") == MAX_VIEWERS
     assert statuses.count(b"503") == 180 - MAX_VIEWERS
 
@@ -210,11 +210,11 @@ def test_of_many_viewers_at_once_no_more_come_in_than_may(stand: Stand) -> None:
 def test_viewers_that_leave_make_room_for_others(stand: Stand) -> None:
     ask_events = f"GET /events HTTP/1.1\r\nhost: 127.0.0.1:{stand.port}\r\n\r\n".encode()
     with connections(stand.port, MAX_VIEWERS, ask_events) as opened:
-        assert all(b" 200 " in one.recv(4096) for one in opened)
+        assert all(b" 200 " in item.recv(4096) for item in opened)
     deadline = time.monotonic() + 20.0
     while time.monotonic() < deadline:
-        with connections(stand.port, 1, ask_events) as (one,):
-            if b" 200 " in one.recv(4096):
+        with connections(stand.port, 1, ask_events) as (item,):
+            if b" 200 " in item.recv(4096):
                 return
         time.sleep(0.1)
     raise AssertionError("no viewer was let in after all others had left")
@@ -222,10 +222,10 @@ def test_viewers_that_leave_make_room_for_others(stand: Stand) -> None:
 
 @pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nhost: 127", b"GET /about HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\nGET"])
 def test_a_connection_that_sends_no_whole_request_is_closed(stand: Stand, sent: bytes) -> None:
-    with connections(stand.port, 1, sent) as (one,):
-        one.settimeout(15)
+    with connections(stand.port, 1, sent) as (item,):
+        item.settimeout(15)
         with contextlib.suppress(ConnectionResetError):
-            while one.recv(4096):
+            while item.recv(4096):
                 pass
 
 
@@ -233,6 +233,6 @@ def test_deeply_nested_json_is_a_bad_request(stand: Stand) -> None:
     assert stand.post(NESTED) == 400
     assert stand.post(NESTED, "wrong") == 400
     assert stand.post(json.dumps(["stop"]).encode()) == 400
-    with connections(stand.door.port, 1, NESTED[:4000] + b"\n") as (one,):
-        assert b"no_request" in one.recv(4096)
+    with connections(stand.door.port, 1, NESTED[:4000] + b"\n") as (item,):
+        assert b"no_request" in item.recv(4096)
     assert not stand.verbs

@@ -100,16 +100,21 @@ def analysed() -> PairResult:
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("log") / "run.000.mcap"
     pair = told(values.pair_message(PAIR))
-    begun = RunMessage(run="run", started_time_ns=1, host="lab", boot_id="b", versions={"semlive": "1"}, config={"a": None})
+    started = RunMessage(run="run", started_time_ns=1, host="lab", boot_id="b", versions={"semlive": "1"}, config={"a": None})
     state = StateMessage(time_ns=1, before="idle", after="connecting", cause="opening", step=None, guards={"force_n": 1.5})
-    said = [begun, state, LogLineMessage(time_ns=END_NS, level="warning", text="hot"), OperatorMessage(time_ns=1, what="start", args={})]
+    printed = [
+        started,
+        state,
+        LogLineMessage(time_ns=END_NS, level="warning", text="hot"),
+        OperatorMessage(time_ns=1, what="start", args={}),
+    ]
     with path.open("wb") as stream:
         writer = LogWriter(stream)
         result = analysed()
         unknown = told(values.elastic_message(None, 2))
         made = [unknown, *result_messages(result, 0.1), *preview_images(Pair(PAIR, *FRAMES), result)]
-        for at, one in enumerate([*map(told, said), pair, *made]):
-            writer.write(one.topic, one.payload, END_NS + at, one.publish_time_ns, one.sequence if one.topic in RAW_TOPICS else None)
+        for at, item in enumerate([*map(told, printed), pair, *made]):
+            writer.write(item.topic, item.payload, END_NS + at, item.publish_time_ns, item.sequence if item.topic in RAW_TOPICS else None)
             writer.flush()
         writer.finish()
     return path
@@ -148,13 +153,13 @@ def test_pictures_are_lossless_and_fields_are_shown_to_the_last_bit(log: Path) -
         "/strain/image/eyy": [2, 3],
         "/strain/image/exy": [2, 3],
     }
-    for one in FRAMES:
-        image = shown[SEM_IMAGE][one.info.export]
+    for item in FRAMES:
+        image = shown[SEM_IMAGE][item.info.export]
         pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
         assert pixels is not None
-        assert pixels.dtype == one.image.dtype
-        assert np.array_equal(pixels, one.image)
-        assert image.timestamp.seconds * 10**9 + image.timestamp.nanos == one.info.end_time_ns
+        assert pixels.dtype == item.image.dtype
+        assert np.array_equal(pixels, item.image)
+        assert image.timestamp.seconds * 10**9 + image.timestamp.nanos == item.info.end_time_ns
     exy = shown["/strain/image/exy"][3]
     assert np.array_equal(np.frombuffer(exy.data, "<f4").reshape(exy.height, exy.width), strain(3).exy.astype(np.float32))
     u = np.frombuffer(shown["/dic/image/u"][2].data, "<f4").reshape(GRID.shape)
@@ -163,7 +168,7 @@ def test_pictures_are_lossless_and_fields_are_shown_to_the_last_bit(log: Path) -
 
 
 def test_a_pair_that_could_not_be_analysed_is_shown_all_the_same() -> None:
-    assert [one.topic for one in preview_images(Pair(PAIR, *FRAMES), None)] == [SEM_IMAGE, SEM_IMAGE]
+    assert [item.topic for item in preview_images(Pair(PAIR, *FRAMES), None)] == [SEM_IMAGE, SEM_IMAGE]
 
 
 def test_lines_of_the_log_are_foxglove_s_and_older_ones_are_still_read(log: Path) -> None:

@@ -20,7 +20,7 @@ from semlive_simulators.specimen.stage import Actuator
 PAPER = load_scenario("paper_x10000")
 
 
-def test_the_scenario_says_what_the_paper_says() -> None:
+def test_the_scenario_reports_what_the_paper_reports() -> None:
     scan = PAPER.scan
     assert (scan.width_px, scan.height_px, scan.pixel_size_um) == (1024, 884, 0.025)
     assert (scan.integrations, scan.integration) == (16, "frame")
@@ -91,6 +91,6 @@ def test_simulate_writes_integrated_frames_and_their_truth(tmp_path: Path) -> No
     truth = json.loads((tmp_path / "out" / "truth.json").read_text(encoding="utf-8"))
     assert truth["pixel_size_m"] == pytest.approx(25e-9)
     assert truth["frames"][0]["stage_px"] == pytest.approx([0.0, 0.0], abs=2.0)
-    told = float(rows[2]["shift_y_px"])
-    assert 38 < told < 48  # what drifted since frame 0 is taken back
-    assert truth["frames"][2]["stage_px"][1] == pytest.approx(told * 0.96, abs=2.0)
+    reported = float(rows[2]["shift_y_px"])
+    assert 38 < reported < 48  # what drifted since frame 0 is taken back
+    assert truth["frames"][2]["stage_px"][1] == pytest.approx(reported * 0.96, abs=2.0)

@@ -35,7 +35,7 @@ def test_every_topic_is_in_the_page_and_every_topic_of_the_page_exists() -> None
     assert table().keys() == TOPICS.keys() | RAW_TOPICS.keys()
 
 
-def test_every_row_tells_encoding_units_and_the_meaning_of_the_sequence() -> None:
+def test_every_row_reports_encoding_units_and_the_meaning_of_the_sequence() -> None:
     for topic, cells in table().items():
         assert len(cells) == COLUMNS, topic
         assert all(cells), topic
@@ -46,7 +46,7 @@ def test_every_row_tells_encoding_units_and_the_meaning_of_the_sequence() -> Non
 
 def test_every_status_of_a_point_is_in_the_page() -> None:
     (row,) = (line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `/dic/map` | `SLDM`"))
-    assert [int(number) for number in re.findall(r"[ :](\d) [a-zA-Z]", row.split("status:")[1])] == [int(one) for one in PoiStatus]
+    assert [int(number) for number in re.findall(r"[ :](\d) [a-zA-Z]", row.split("status:")[1])] == [int(item) for item in PoiStatus]
 
 
 def test_the_text_names_no_topic_that_does_not_exist() -> None:

@@ -51,7 +51,7 @@ def test_a_shown_command_can_be_typed(path: Path, line: str, commands: dict[str,
     if getattr(command, "commands", None):
         assert given, f"{path.name}: semlive {name} needs a command of its own"
         command = command.commands[given.pop(0)]
-    known = {option for one in command.params for option in (*one.opts, *one.secondary_opts)} | {"--help"}
+    known = {option for item in command.params for option in (*item.opts, *item.secondary_opts)} | {"--help"}
     unknown = [word for word in given if re.match(r"--?[a-z]", word) and word.split("=")[0] not in known]
     assert not unknown, f"{path.name}: semlive {name} has no {unknown}"
 
@@ -101,8 +101,8 @@ def test_quick_commands_of_a_page_run_in_their_order(page: str, lab: Path) -> No
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     CliRunner().invoke(app, ["init", "my-run.yaml", "--yes"])
     config = yaml.safe_load((lab / "my-run.yaml").read_text(encoding="utf-8"))
-    told = {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 1.25e-6}  # a plain file tells nothing
-    config["sem"]["profile"].update(told)
+    reported = {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 1.25e-6}  # a plain file tells nothing
+    config["sem"]["profile"].update(reported)
     (lab / "my-run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
     lines = [line.strip() for line in re.findall(r"^ {4}(semlive .*)$", text, re.MULTILINE) if RUN_HERE.match(line)]
     assert lines

@@ -27,8 +27,8 @@ def when(frame: int, start_s: float) -> FrameTime:
 
 
 def given(reference: int, current: int, u_px: np.ndarray | float, v_px: np.ndarray | float) -> DisparityMap:
-    one = np.ones(GRID.shape)
-    return DisparityMap(reference, current, GRID, u_px * one, v_px * one, 0.01 * one, 0.01 * one, one, np.zeros(GRID.shape, np.uint8))
+    item = np.ones(GRID.shape)
+    return DisparityMap(reference, current, GRID, u_px * item, v_px * item, 0.01 * item, 0.01 * item, item, np.zeros(GRID.shape, np.uint8))
 
 
 @pytest.mark.parametrize(("rate_x_px_s", "rate_y_px_s"), [(1e-3, 0.0), (0.0, 1e-3), (-2e-3, 5e-4)])
@@ -55,10 +55,10 @@ def test_drift_along_y_alone_looks_like_strain() -> None:
     drift = DriftSpline(UniformSpline(0.0, FRAME_S, 3))
     parameters = np.zeros(drift.size)
     parameters[1::2] = rate_px_s * FRAME_S * (np.arange(drift.size // 2) - 1)
-    x, y = (one.ravel() for one in GRID.mesh())
+    x, y = (item.ravel() for item in GRID.mesh())
     p0 = np.column_stack((x, y))
-    seen = scan_address((drift,), parameters, when(0, 0.0), p0, np.zeros(2))
-    slope = np.polyfit(y, seen[:, 1] - y, 1)[0]
+    observed = scan_address((drift,), parameters, when(0, 0.0), p0, np.zeros(2))
+    slope = np.polyfit(y, observed[:, 1] - y, 1)[0]
     assert slope == pytest.approx(rate_px_s * FRAME_S / HEIGHT_PX, rel=1e-3)
 
 
@@ -66,8 +66,8 @@ def test_distortion_is_added_to_the_ideal_position() -> None:
     distortion = DistortionSpline.covering(WIDTH_PX, HEIGHT_PX, 100.0)
     parameters = np.zeros(distortion.size)
     parameters[0::2], parameters[1::2] = 0.5, -0.25
-    seen = scan_address((distortion,), parameters, when(0, 0.0), np.array([[300.0, 400.0]]), np.zeros(2))
-    np.testing.assert_allclose(seen, [[300.5, 399.75]], atol=1e-12)
+    observed = scan_address((distortion,), parameters, when(0, 0.0), np.array([[300.0, 400.0]]), np.zeros(2))
+    np.testing.assert_allclose(observed, [[300.5, 399.75]], atol=1e-12)
 
 
 def test_strain_is_positive_in_tension_and_its_shear_is_the_tensors() -> None:
@@ -75,13 +75,13 @@ def test_strain_is_positive_in_tension_and_its_shear_is_the_tensors() -> None:
     u, v = -1e-3 * x + 4e-4 * y + 5, 2e-4 * x + 3e-3 * y - 7
     moved = mechanics.displacement(given(0, 4, u, v), Correction(4, np.zeros(GRID.shape), np.zeros(GRID.shape)))
     field = mechanics.strain(moved, 3)
-    said = mechanics.summary(moved, field)
+    printed = mechanics.summary(moved, field)
     assert field.valid.all()
-    for one in (field, said.mean):
-        np.testing.assert_allclose(one.exx, -1e-3, atol=1e-12)
-        np.testing.assert_allclose(one.eyy, 3e-3, atol=1e-12)
-        np.testing.assert_allclose(one.exy, 3e-4, atol=1e-12)
-    assert said.vsg_px == 2 * 25 + 43
+    for item in (field, printed.mean):
+        np.testing.assert_allclose(item.exx, -1e-3, atol=1e-12)
+        np.testing.assert_allclose(item.eyy, 3e-3, atol=1e-12)
+        np.testing.assert_allclose(item.exy, 3e-4, atol=1e-12)
+    assert printed.vsg_px == 2 * 25 + 43
 
 
 def test_displacement_is_disparity_minus_correction() -> None:

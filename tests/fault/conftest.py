@@ -89,18 +89,18 @@ class Patient:
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
         found = self.log.is_dir() and any(self.log.iterdir())
-        return [json.loads(one.payload) for one in messages(self.log) if one.topic == topic] if found else []
+        return [json.loads(item.payload) for item in messages(self.log) if item.topic == topic] if found else []
 
     def reach(self, state: str) -> Patient:
-        wait_until(lambda: any(one["after"] == state for one in self.logged("/state")) or self.daemon.poll() is not None)
+        wait_until(lambda: any(item["after"] == state for item in self.logged("/state")) or self.daemon.poll() is not None)
         assert self.daemon.poll() is None, self.daemon.communicate()
         return self
 
     def child(self) -> int:
         """The analysis process."""
         tasks = Path(f"/proc/{self.daemon.pid}/task").iterdir()
-        (one,) = (pid for task in tasks for pid in (task / "children").read_text().split())
-        return int(one)
+        (item,) = (pid for task in tasks for pid in (task / "children").read_text().split())
+        return int(item)
 
     def end(self, timeout_s: float = 45.0) -> tuple[int, str]:
         """Exit code and the last line on standard error."""
@@ -112,7 +112,7 @@ class Patient:
         """The machine was told to rest as the last thing, and the log is whole."""
         after_last_ramp = self.calls()[::-1]
         assert "stop" in after_last_ramp[: after_last_ramp.index("ramp_to")], self.calls()
-        assert [one.name for one in self.log.iterdir()] == ["run.000.mcap"]
+        assert [item.name for item in self.log.iterdir()] == ["run.000.mcap"]
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def patient(tmp_path: Path) -> Any:
         (tmp_path / name).mkdir()
     ills = str(tmp_path / "ills")
     limits = dict(force_min_n=-50.0, force_max_n=900.0, extension_min_mm=-1.0, extension_max_mm=1.0, force_rate_max_n_s=50.0)
-    one = Patient(
+    item = Patient(
         tmp_path,
         {
             "run": {"name": "run", "folder": "log"},
@@ -132,8 +132,8 @@ def patient(tmp_path: Path) -> Any:
             "protocol": {"loads_n": [800.0], "ramp_rate_n_s": 10.0, "settle_s": 0.1, "hold_s": 0.0},
         },
     )
-    yield one
-    for process in one.started:
+    yield item
+    for process in item.started:
         if process.poll() is None:
             process.send_signal(signal.SIGKILL)
             process.communicate()

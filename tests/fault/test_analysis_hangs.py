@@ -38,13 +38,13 @@ class Now:
 
 
 def children() -> set[int]:
-    return {int(one) for path in Path("/proc/self/task").iterdir() for one in (path / "children").read_text().split()}
+    return {int(item) for path in Path("/proc/self/task").iterdir() for item in (path / "children").read_text().split()}
 
 
 def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
     tmp_path: Path, wait_until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder, said, troubles, before = (
+    recorder, printed, troubles, before = (
         Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail),
         list[AnalysisOutput](),
         list[str](),
@@ -55,12 +55,12 @@ def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
         monkeypatch.undo()
         troubles.append(what)
 
-    link = AnalysisProcess(tmp_path, lambda: recorder.write_failed, said.append, in_trouble)
+    link = AnalysisProcess(tmp_path, lambda: recorder.write_failed, printed.append, in_trouble)
     journal = RunLog(recorder)
     journal.subscribe(link.notify_input)
     config = parse_config(CONFIG, "here").model_dump(mode="json")
     journal.write_message(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
-    wait_until(lambda: bool(said), 120.0)
+    wait_until(lambda: bool(printed), 120.0)
     (child,) = children() - before
     os.kill(child, signal.SIGSTOP)
     monkeypatch.setattr(process, "_MAX_SILENT_S", 2.0)
@@ -69,13 +69,13 @@ def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
         link.notify_input(recorder.write(SEM_SIDECAR, bytes(BYTES), sequence=number))
     assert recorder.flush()
     assert recorder.flush()  # it lets go of what it wrote with the next
-    kept, _ = tracemalloc.get_traced_memory()
+    stored, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert kept < WAITING * BYTES / 10
+    assert stored < WAITING * BYTES / 10
     wait_until(lambda: bool(troubles), 60.0)
     assert "hung: it was silent for" in troubles[0]
     assert link.drain(120.0)
-    assert [isinstance(one, AnalysisReady) and READY_TEXT in one.line.payload.decode() for one in said] == [True]
+    assert [isinstance(item, AnalysisReady) and READY_TEXT in item.line.payload.decode() for item in printed] == [True]
     assert len(troubles) == 1
     assert recorder.close()
 
@@ -93,13 +93,13 @@ def test_what_is_not_in_the_log_is_not_waited_for(tmp_path: Path) -> None:
 def test_steps_of_the_wall_clock_do_not_end_analysis(
     tmp_path: Path, clock_peer: Path, wait_until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder, said, troubles = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail), list[AnalysisOutput](), list[str]()
+    recorder, printed, troubles = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail), list[AnalysisOutput](), list[str]()
     offset = tmp_path / "offset"
     offset.write_text("0")
     with monkeypatch.context() as environment:
         environment.setenv("LD_PRELOAD", str(clock_peer))
         environment.setenv("SICK_CLOCK", str(offset))
-        link = AnalysisProcess(tmp_path, lambda: recorder.write_failed, said.append, lambda what, _lost: troubles.append(what))
+        link = AnalysisProcess(tmp_path, lambda: recorder.write_failed, printed.append, lambda what, _lost: troubles.append(what))
     journal = RunLog(recorder)
     journal.subscribe(link.notify_input)
     config = parse_config(CONFIG, "here").model_dump(mode="json")
@@ -110,7 +110,7 @@ def test_steps_of_the_wall_clock_do_not_end_analysis(
         offset.write_text(str(seconds))
     time.sleep(0.5)
     journal.write_message(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
-    wait_until(lambda: bool(said), 120.0)
+    wait_until(lambda: bool(printed), 120.0)
     assert troubles == []
     link.kill()
     link.close(0.0)

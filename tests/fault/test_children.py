@@ -33,7 +33,7 @@ def test_children_end_within_two_seconds_of_the_parents_death(tmp_path: Path, wa
     command = [sys.executable, "-c", PARENT, str(tmp_path / "log")]
     parent = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
-    children = [int(one) for one in parent.stdout.readline().split()]
+    children = [int(item) for item in parent.stdout.readline().split()]
     time.sleep(3.0)
     assert [lives(pid) for pid in children] == [True, True, True]
     os.kill(children[0], signal.SIGSTOP)

@@ -31,7 +31,7 @@ def fill_disk(patient: Any) -> None:
 
 
 def none_is_missing(patient: Any) -> bool:
-    numbers = [one["sequence"] for one in patient.logged("/load_frame/sample")]
+    numbers = [item["sequence"] for item in patient.logged("/load_frame/sample")]
     return numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
@@ -45,7 +45,7 @@ def test_a_full_disk_pauses_the_run_until_there_is_room_and_the_operator_resumes
     time.sleep(1.0)
     assert patient.calls() == before
     resource.prlimit(patient.daemon.pid, resource.RLIMIT_FSIZE, UNLIMITED)
-    wait_until(lambda: any("keeps up again" in one["text"] for one in patient.logged("/log")))
+    wait_until(lambda: any("keeps up again" in item["text"] for item in patient.logged("/log")))
     assert patient.logged("/state")[-1]["after"] == "paused"
     assert patient.calls() == before
     os.write(terminal, b"resume\n")
@@ -55,8 +55,8 @@ def test_a_full_disk_pauses_the_run_until_there_is_room_and_the_operator_resumes
     assert code == 1
     patient.is_in_order()
     assert none_is_missing(patient)
-    assert [one["after"] for one in patient.logged("/state")][-4:] == ["paused", "ramping", "stopping", "aborted"]
-    assert any("the log cannot be written" in one["what"] and "paused" in one["action"] for one in patient.logged("/fault"))
+    assert [item["after"] for item in patient.logged("/state")][-4:] == ["paused", "ramping", "stopping", "aborted"]
+    assert any("the log cannot be written" in item["what"] and "paused" in item["action"] for item in patient.logged("/fault"))
     os.close(terminal)
     os.close(operator)
 
@@ -70,7 +70,7 @@ def test_a_full_disk_ends_a_run_that_nobody_attends(patient: Any, wait_until: Ca
     assert code == 1
     patient.is_in_order()
     assert none_is_missing(patient)
-    assert [one["after"] for one in patient.logged("/state")][-3:] == ["paused", "stopping", "aborted"]
+    assert [item["after"] for item in patient.logged("/state")][-3:] == ["paused", "stopping", "aborted"]
 
 
 class SlowDisk(FileIO):
@@ -95,8 +95,8 @@ def test_a_slow_disk_is_told_and_nothing_is_lost(tmp_path: Path, wait_until: Cal
     def open_raw(path: Path) -> RawIOBase:
         return cast(RawIOBase, SlowDisk(path, "xb"))
 
-    said: list[str] = []
-    recorder = Recorder(tmp_path / "run.000.mcap", Ticking(), said.append, open_raw=open_raw, slow_after_s=2.0)
+    printed: list[str] = []
+    recorder = Recorder(tmp_path / "run.000.mcap", Ticking(), printed.append, open_raw=open_raw, slow_after_s=2.0)
     assert recorder.backlog_message is None
     for number in range(50):
         recorder.write("/fault", FaultMessage(time_ns=number, what="x", where="", action=""))
@@ -108,11 +108,11 @@ def test_a_slow_disk_is_told_and_nothing_is_lost(tmp_path: Path, wait_until: Cal
     assert recorder.flush()
     assert recorder.backlog_message is None
     assert recorder.close()
-    assert said == []
+    assert printed == []
     assert len(list(messages(tmp_path))) == 100
 
 
-def test_the_writers_speed_beside_the_disks_own_can_be_measured(tmp_path: Path) -> None:
+def test_the_writers_speed_next_to_the_disks_own_can_be_measured(tmp_path: Path) -> None:
     """The bar of 0.6 is the benchmark's: on a busy computer the checksum waits for a processor while the disk does not."""
     _, ratios = measured(tmp_path, count=5, size=10**6, rounds=3)
-    assert all(one > 0.0 for name in ("writer", "recorder") for one in ratios[name])
+    assert all(item > 0.0 for name in ("writer", "recorder") for item in ratios[name])

@@ -28,15 +28,15 @@ def export(folder: Path, numbers: range, side_px: int) -> None:
 
 
 def originals(log: Path) -> int:
-    return sum(one.topic == SEM_ORIGINAL for one in messages(log))
+    return sum(item.topic == SEM_ORIGINAL for item in messages(log))
 
 
 def stopped(patient: Any, number: int = signal.SIGTERM) -> tuple[int, str, float]:
     """Exit code, last words, and how long it took to end."""
     patient.daemon.send_signal(number)
     began_s = time.monotonic()
-    code, said = patient.end(90.0)
-    return code, said, time.monotonic() - began_s
+    code, printed = patient.end(90.0)
+    return code, printed, time.monotonic() - began_s
 
 
 def test_a_failed_fsync_is_reported_and_analysis_goes_on_in_the_next_segment(
@@ -53,15 +53,15 @@ def test_a_failed_fsync_is_reported_and_analysis_goes_on_in_the_next_segment(
     (switches / "fsync").write_text("1")
     export(tmp_path / "export", range(3), 256)
     wait_until(lambda: len(patient.logged("/sem/scan")) == 3)
-    wait_until(lambda: any(one["after"] == "paused" for one in patient.logged("/state")))
-    code, said, took_s = stopped(patient)
-    assert (code, "not analysed" in said) == (1, False), said
+    wait_until(lambda: any(item["after"] == "paused" for item in patient.logged("/state")))
+    code, printed, took_s = stopped(patient)
+    assert (code, "not analysed" in printed) == (1, False), printed
     assert took_s < 10.0
-    faults = [one for one in patient.logged("/fault") if one["where"] == "log"]
-    assert {one["code"] for one in faults} == {"log"}
-    assert any("did not confirm what was written" in one["what"] for one in faults)
-    assert any("read back from there" in one["what"] for one in faults)
-    assert not any("nothing was lost" in one["what"] for one in faults)
+    faults = [item for item in patient.logged("/fault") if item["where"] == "log"]
+    assert {item["code"] for item in faults} == {"log"}
+    assert any("did not confirm what was written" in item["what"] for item in faults)
+    assert any("read back from there" in item["what"] for item in faults)
+    assert not any("nothing was lost" in item["what"] for item in faults)
     assert sorted(path.name for path in patient.log.iterdir()) == ["run.000.mcap", "run.001.mcap"]
     assert originals(patient.log) == 3
     assert "stop" in patient.calls()
@@ -73,8 +73,8 @@ def test_a_run_whose_folder_is_deleted_ends_within_ten_seconds(patient: Any) -> 
     patient.start().reach("ramping")
     began_s = time.monotonic()
     shutil.rmtree(patient.log)
-    code, said = patient.end(90.0)
-    assert (code, "could not be finished" in said) == (1, True), said
+    code, printed = patient.end(90.0)
+    assert (code, "could not be finished" in printed) == (1, True), printed
     assert time.monotonic() - began_s < 10.0 + 5.0  # the log is missed after a second or more, then the run ends
     assert "stop" in patient.calls()
 
@@ -87,10 +87,10 @@ def test_a_run_ends_within_twenty_seconds_while_analysis_stands_still(
     os.kill(analysis, signal.SIGSTOP)
     export(tmp_path / "export", range(IMAGES), 1000)
     wait_until(lambda: originals(patient.log) == IMAGES)
-    code, said, took_s = stopped(patient)
+    code, printed, took_s = stopped(patient)
     assert code == 1
     assert took_s < 20.0
-    assert "the last pairs are not analysed; semlive replay" in said
+    assert "the last pairs are not analysed; semlive replay" in printed
     patient.is_in_order()
     with pytest.raises(ProcessLookupError):
         os.kill(analysis, 0)

@@ -17,12 +17,12 @@ WHOLE = cv2.imencode(".png", np.zeros((8, 8), dtype=np.uint8))[1].tobytes()
 
 def test_a_mistake_in_the_loop_stops_the_machine_and_ends_the_run(patient: Any) -> None:
     patient.start().reach("ramping").falls_ill("load frame raves")
-    code, said = patient.end()
+    code, printed = patient.end()
     assert code == 1
-    assert "semlive itself failed" in said
+    assert "semlive itself failed" in printed
     patient.is_in_order()
     assert patient.logged("/state")[-1]["after"] == "aborted"
-    (fault,) = [one for one in patient.logged("/fault") if "semlive itself failed" in one["what"]]
+    (fault,) = [item for item in patient.logged("/fault") if "semlive itself failed" in item["what"]]
     assert "sequence" in fault["what"]
     assert any("Traceback" in line["text"] for line in patient.logged("/log"))
 
@@ -33,11 +33,11 @@ def test_a_driver_that_never_comes_back_is_noticed(patient: Any) -> None:
     patient.start().reach("ramping").falls_ill("load frame hangs in read")
     patient.reach("stopping").daemon.send_signal(signal.SIGINT)
     patient.daemon.send_signal(signal.SIGTERM)
-    code, said = patient.end()
+    code, printed = patient.end()
     assert code == 1
-    assert "stop the machine by hand" in said
-    assert "did not confirm" in said
-    assert any(one["after"] == "fault" for one in patient.logged("/state"))
+    assert "stop the machine by hand" in printed
+    assert "did not confirm" in printed
+    assert any(item["after"] == "fault" for item in patient.logged("/state"))
 
 
 def test_a_driver_that_breaks_while_it_closes_is_opened_again_and_stopped(patient: Any, wait_until: Callable[..., None]) -> None:
@@ -45,9 +45,9 @@ def test_a_driver_that_breaks_while_it_closes_is_opened_again_and_stopped(patien
     patient.falls_ill("load frame is refused read")
     wait_until(lambda: "close" in patient.calls())
     patient.gets_well("load frame is refused read")
-    code, said = patient.end()
+    code, printed = patient.end()
     assert code == 1
-    assert "the link failed while it may have moved" in said
+    assert "the link failed while it may have moved" in printed
     patient.is_in_order()
 
 
@@ -57,14 +57,14 @@ def test_a_stop_that_is_refused_at_the_end_is_tried_again(patient: Any, wait_unt
     patient.falls_ill("load frame is refused open", times=2)
     patient.daemon.send_signal(signal.SIGINT)
     patient.daemon.send_signal(signal.SIGTERM)
-    wait_until(lambda: any(one["after"] == "aborted" for one in patient.logged("/state")))
+    wait_until(lambda: any(item["after"] == "aborted" for item in patient.logged("/state")))
     # The stop hangs until the run is over, so whatever is refused is refused at its end.
     time.sleep(0.3)
     patient.gets_well("load frame hangs in stop")
-    code, said = patient.end()
+    code, printed = patient.end()
     assert code == 1
-    assert "did not confirm" not in said
-    calls = [one for one in patient.calls() if one != "close"]
+    assert "did not confirm" not in printed
+    calls = [item for item in patient.calls() if item != "close"]
     # Opening is refused twice, and stops are tried on the failed link meanwhile; what comes last is a stop on a new link.
     assert calls[-2:] == ["open", "stop"]
     assert calls.count("open") >= 4
@@ -72,16 +72,16 @@ def test_a_stop_that_is_refused_at_the_end_is_tried_again(patient: Any, wait_unt
     patient.is_in_order()
 
 
-def test_an_unconfirmed_stop_is_said(patient: Any) -> None:
+def test_an_unconfirmed_stop_is_reported(patient: Any) -> None:
     patient.config["limits"]["stop_timeout_s"] = 300.0
     patient.start().reach("ramping").falls_ill("load frame is refused stop")
     patient.daemon.send_signal(signal.SIGINT)
     patient.reach("stopping")  # two signals of one kind that come at once are one
     patient.daemon.send_signal(signal.SIGINT)
-    code, said = patient.end()
+    code, printed = patient.end()
     assert code == 1
-    assert "load frame did not confirm that it stopped" in said
-    assert any("did not confirm" in one["what"] for one in patient.logged("/fault"))
+    assert "load frame did not confirm that it stopped" in printed
+    assert any("did not confirm" in item["what"] for item in patient.logged("/fault"))
 
 
 @pytest.mark.parametrize("ill", ["breaks in", "hangs in"])
@@ -89,9 +89,9 @@ def test_a_broken_trigger_ends_the_run(patient: Any, ill: str) -> None:
     patient.config["sem"]["trigger"] = {"driver": "sick", "settings": {**patient.config["load_frame"]["settings"], "name": "sem"}}
     patient.config["protocol"].update(loads_n=[20.0], frame_timeout_s=1.0)
     patient.falls_ill(f"sem {ill} scan_once")
-    code, said = patient.start().end()
+    code, printed = patient.start().end()
     assert code == 1
-    assert ("a mistake in scan_once" if ill == "breaks in" else "no frame for step") in said
+    assert ("a mistake in scan_once" if ill == "breaks in" else "no frame for step") in printed
     assert patient.calls("sem") == ["open", "scan_once", "close"]
     patient.is_in_order()
 
@@ -113,12 +113,12 @@ def test_a_hung_analysis_does_not_hold_up_an_impatient_operator(patient: Any, wa
     os.kill(patient.child(), signal.SIGSTOP)
     patient.falls_ill("load frame hangs in close")
     patient.daemon.send_signal(signal.SIGINT)
-    wait_until(lambda: any(one["after"] == "aborted" for one in patient.logged("/state")) and patient.calls()[-1] == "close")
+    wait_until(lambda: any(item["after"] == "aborted" for item in patient.logged("/state")) and patient.calls()[-1] == "close")
     patient.daemon.send_signal(signal.SIGINT)  # while the links are being closed, before anybody waits for analysis
     patient.gets_well("load frame hangs in close")
-    code, said = patient.end()
+    code, printed = patient.end()
     assert code == 1
-    assert "semlive replay" in said
+    assert "semlive replay" in printed
     patient.is_in_order()
 
 
@@ -137,9 +137,9 @@ def test_an_analysis_that_keeps_dying_is_given_up_and_the_run_ends(patient: Any,
         return len(killed) == 4
 
     wait_until(kill)
-    code, said = patient.end()
+    code, printed = patient.end()
     assert code == 1
-    assert "given up" in said
+    assert "given up" in printed
     patient.is_in_order()
 
 
@@ -175,9 +175,9 @@ def test_a_strange_file_name_does_no_harm_and_a_closed_terminal_stops_the_machin
             file.write(data)
     os.rename(os.path.join(folder, b"strange-\xff.png"), os.path.join(folder, b"gone"))
     # Whoever has taken the one that came last has seen the one before it.
-    wait_until(lambda: any(one["name"] == "whole.png" for one in patient.logged("/sem/file")))
+    wait_until(lambda: any(item["name"] == "whole.png" for item in patient.logged("/sem/file")))
     os.unlink(os.path.join(folder, b"other-\xfe.tif"))
-    wait_until(lambda: any("other-" in one["name"] for one in patient.logged("/sem/file")))
+    wait_until(lambda: any("other-" in item["name"] for item in patient.logged("/sem/file")))
     patient.daemon.send_signal(signal.SIGHUP)
     assert patient.end()[0] == 1
     patient.is_in_order()

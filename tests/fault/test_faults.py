@@ -20,8 +20,8 @@ LISTED = 55
 @pytest.mark.parametrize("row", [row for row in ROWS if row.short], ids=lambda row: f"{row.number}")
 def test_what_must_happen_happens(row: Row, tmp_path: Path) -> None:
     with laboratory(tmp_path / "lab") as lab:
-        seen = row.run(lab)
-    assert seen.what
+        observed = row.run(lab)
+    assert observed.what
 
 
 def test_every_fault_of_the_list_has_its_row_once() -> None:
@@ -31,7 +31,7 @@ def test_every_fault_of_the_list_has_its_row_once() -> None:
 
 
 @pytest.mark.checkout
-def test_the_page_tells_of_every_row() -> None:
+def test_the_page_reports_of_every_row() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    told = {int(number) for number in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)}
-    assert told == {row.number for row in ROWS}
+    reported = {int(number) for number in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)}
+    assert reported == {row.number for row in ROWS}

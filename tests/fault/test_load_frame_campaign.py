@@ -36,10 +36,10 @@ def frame_peer(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 @pytest.fixture(scope="module")
 def verdicts(frame_peer: Campaign) -> Mapping[str, Verdict]:
     with ThreadPoolExecutor(JOBS) as pool:
-        return {one.scenario.name: one for one in pool.map(frame_peer.judged, SHORT)}
+        return {item.scenario.name: item for item in pool.map(frame_peer.judged, SHORT)}
 
 
-@pytest.mark.parametrize("name", [one.name for one in SHORT])
+@pytest.mark.parametrize("name", [item.name for item in SHORT])
 def test_what_must_happen_happens(verdicts: Mapping[str, Verdict], name: str) -> None:
     assert verdicts[name].failings == ()
 
@@ -50,10 +50,10 @@ def test_the_bars_hold(verdicts: Mapping[str, Verdict]) -> None:
 
 
 def test_there_are_twice_as_many_own_scenarios_as_listed_ones() -> None:
-    groups = [one.group for one in ALL]
+    groups = [item.group for item in ALL]
     assert groups.count(Group.OWN) >= 2 * groups.count(Group.README) >= 2 * 50
 
 
 def test_healthy_runs_are_drawn_alike_each_time() -> None:
     assert healthy_runs(100) == healthy_runs(100)
-    assert len({one.name for one in (*ALL, *healthy_runs(100))}) == len(ALL) + 100
+    assert len({item.name for item in (*ALL, *healthy_runs(100))}) == len(ALL) + 100

@@ -83,8 +83,8 @@ def record(disk_peer: Path, tmp_path: Path) -> Callable[..., dict[str, Any]]:
 
 def images(log: Path) -> list[int]:
     """Numbers of the images whose bytes are as they were written."""
-    found = [one for one in messages(log, pytest.fail) if one.topic == SEM_ORIGINAL]
-    return [one.sequence for one in found if one.payload == bytes([one.sequence]) * 100_000]
+    found = [item for item in messages(log, pytest.fail) if item.topic == SEM_ORIGINAL]
+    return [item.sequence for item in found if item.payload == bytes([item.sequence]) * 100_000]
 
 
 def names(log: Path) -> list[str]:
@@ -93,19 +93,19 @@ def names(log: Path) -> list[str]:
 
 @pytest.mark.parametrize(("failures", "at"), [(1, 10), (2, 10), (3, 10), (1, -1), (1, 29)])
 def test_what_a_failed_fsync_lost_is_written_again(record: Callable[..., dict[str, Any]], tmp_path: Path, failures: int, at: int) -> None:
-    told = record({"fsync": failures}, at)
+    reported = record({"fsync": failures}, at)
     log = tmp_path / "log"
-    assert told["whole"]
+    assert reported["whole"]
     assert images(log) == list(range(ORIGINALS))
-    assert sorted(told["followed"]) == list(range(ORIGINALS))
+    assert sorted(reported["followed"]) == list(range(ORIGINALS))
     assert names(log) == ["run.000.mcap", "run.001.mcap"]
-    times = [one.log_time_ns for one in messages(log)]
+    times = [item.log_time_ns for item in messages(log)]
     assert times == sorted(set(times))
-    first, second = told["said"]
+    first, second = reported["said"]
     assert "did not confirm what was written (Input/output error)" in first
     assert ("1 x /run" if at < 0 else f"image{at:03d}.tif") in first
     assert "read back from there; run.000.mcap ends where it was last confirmed" in second
-    assert any("failed to confirm" in one or "cannot be written" in one for one in told["behind"])
+    assert any("failed to confirm" in item or "cannot be written" in item for item in reported["behind"])
     for path in log.iterdir():
         with path.open("rb") as stream:
             summary = make_reader(stream).get_summary()
@@ -114,29 +114,29 @@ def test_what_a_failed_fsync_lost_is_written_again(record: Callable[..., dict[st
 
 
 def test_an_image_whose_write_fails_is_written_again(record: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
-    told = record({"write": 1})
-    assert told["whole"]
+    reported = record({"write": 1})
+    assert reported["whole"]
     assert images(tmp_path / "log") == list(range(ORIGINALS))
-    assert "(Input/output error)" in told["said"][0]
+    assert "(Input/output error)" in reported["said"][0]
 
 
 def test_a_folder_whose_fsync_fails_keeps_the_finished_segment(record: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
-    told = record({"folder": 1})
-    assert told["whole"]
+    reported = record({"folder": 1})
+    assert reported["whole"]
     assert images(tmp_path / "log") == list(range(ORIGINALS))
     assert names(tmp_path / "log") == ["run.000.mcap"]
-    assert "check the disk" in told["said"][0]
+    assert "check the disk" in reported["said"][0]
 
 
 def test_a_disk_that_stays_full_leaves_what_it_took_and_another_disk_takes_the_recovered_log(
     record: Callable[..., dict[str, Any]], tmp_path: Path
 ) -> None:
-    told = record({"full": 100_000})
+    reported = record({"full": 100_000})
     log = tmp_path / "log"
-    assert not told["whole"]
-    assert told["ended_in_s"] < 5.0
-    assert "image010.tif" in told["unacknowledged"]
-    assert "20 x /sem/original" in told["unacknowledged"]
+    assert not reported["whole"]
+    assert reported["ended_in_s"] < 5.0
+    assert "image010.tif" in reported["unacknowledged"]
+    assert "20 x /sem/original" in reported["unacknowledged"]
     assert names(log) == ["run.000.mcap.part"]
     recover_log(log, tmp_path / "elsewhere")
     assert images(tmp_path / "elsewhere") == list(range(10))
@@ -189,7 +189,7 @@ def test_messages_that_stand_in_two_segments_are_given_once(tmp_path: Path) -> N
     followed = list(live.poll())
     grown(second, range(11, 31), after_ns=10)
     followed += live.poll()
-    assert sorted(followed, key=lambda one: one.log_time_ns) == [line(number) for number in range(1, 31)]
+    assert sorted(followed, key=lambda item: item.log_time_ns) == [line(number) for number in range(1, 31)]
     assert list(messages(tmp_path)) == [line(number) for number in range(1, 31)]
     recover_log(tmp_path)
     assert list(messages(tmp_path)) == [line(number) for number in range(1, 31)]
@@ -199,7 +199,7 @@ def test_a_segment_that_was_being_written_again_when_its_writer_was_killed_belon
     first, second = tmp_path / "run.000.mcap.part", tmp_path / f"run.001.mcap{REWRITING}"
     grown(first, range(1, 21), lost=12)
     grown(second, range(11, 15), after_ns=10)
-    assert [one.log_time_ns for one in messages(tmp_path)] == [*range(1, 12), *range(13, 21)]
+    assert [item.log_time_ns for item in messages(tmp_path)] == [*range(1, 12), *range(13, 21)]
     repair_partial_segments(tmp_path)
     assert list(messages(tmp_path)) == [line(number) for number in range(1, 21)]
     assert names(tmp_path) == ["run.000.mcap", "run.000.original", "run.001.mcap", "run.001.original"]
@@ -224,5 +224,5 @@ def test_a_writer_that_returns_to_a_mark_continues_as_if_nothing_had_been_writte
         writer.finish()
         return stream.getvalue()
 
-    with (tmp_path / "a").open("w+b", buffering=0) as one, (tmp_path / "b").open("w+b", buffering=0) as other:
-        assert written(BytesIO(), one, returns=True) == written(BytesIO(), other, returns=False)
+    with (tmp_path / "a").open("w+b", buffering=0) as item, (tmp_path / "b").open("w+b", buffering=0) as other:
+        assert written(BytesIO(), item, returns=True) == written(BytesIO(), other, returns=False)

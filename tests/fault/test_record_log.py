@@ -115,26 +115,26 @@ def test_a_log_grows_as_a_part_that_can_be_read_after_flush_wait(tmp_path: Path)
 
 
 def test_nothing_is_lost_when_the_disk_is_full_for_a_while(tmp_path: Path) -> None:
-    said: list[str] = []
+    printed: list[str] = []
     open_raw, opened = small_disk(6000)
-    recorder = Recorder(tmp_path / "run.000.mcap", StuckClock(), said.append, open_raw=open_raw, retry_after_s=0.01)
+    recorder = Recorder(tmp_path / "run.000.mcap", StuckClock(), printed.append, open_raw=open_raw, retry_after_s=0.01)
     for number in range(200):
         recorder.write("/fault", FaultMessage(time_ns=number, what="x" * 50, where="", action=""))
         assert number or recorder.flush()
     assert not recorder.flush(0.2)
-    assert len(said) == 1
-    assert "No space left" in said[0]
+    assert len(printed) == 1
+    assert "No space left" in printed[0]
     opened[0].room = 10**9
     assert recorder.flush()
-    assert "are written now" in said[1]
+    assert "are written now" in printed[1]
     assert recorder.close()
     assert [message.publish_time_ns - 10**18 for message in messages(tmp_path)] == list(range(200))
 
 
 def test_a_disk_that_stays_full_is_told_and_a_full_queue_refuses(tmp_path: Path) -> None:
-    said: list[str] = []
+    printed: list[str] = []
     open_raw, opened = small_disk(0)
-    recorder = Recorder(tmp_path / "r.000.mcap", StuckClock(), said.append, open_raw=open_raw, max_messages=20, retry_after_s=0.05)
+    recorder = Recorder(tmp_path / "r.000.mcap", StuckClock(), printed.append, open_raw=open_raw, max_messages=20, retry_after_s=0.05)
 
     def overrun() -> None:
         for _ in range(100):
@@ -144,7 +144,7 @@ def test_a_disk_that_stays_full_is_told_and_a_full_queue_refuses(tmp_path: Path)
     with pytest.raises(SemliveError, match="20 messages wait"):
         overrun()
     assert not recorder.close(timeout_s=0.2)
-    assert len(said) == 1
+    assert len(printed) == 1
     assert not recorder.path.exists()
     with pytest.raises(SemliveError, match="closed"):
         recorder.write("/log", line("late"))
@@ -274,15 +274,15 @@ def test_a_large_segment_is_followed_by_another_and_readers_see_one_log(tmp_path
     followed += tail.poll()
     assert tail.finished
     assert followed == list(messages(tmp_path))
-    assert [one.sequence for one in followed if one.topic == SEM_ORIGINAL] == list(range(40))
+    assert [item.sequence for item in followed if item.topic == SEM_ORIGINAL] == list(range(40))
     assert len(segments(tmp_path)) > 2
     for path in segments(tmp_path):
         with path.open("rb") as stream:
-            assert RUN_METADATA in [one.name for one in make_reader(stream).iter_metadata()]
+            assert RUN_METADATA in [item.name for item in make_reader(stream).iter_metadata()]
 
 
-def test_the_next_segment_is_begun_when_the_disk_takes_it_again(tmp_path: Path, wait_until: Callable[..., None]) -> None:
-    refuse, said = threading.Event(), list[str]()
+def test_the_next_segment_is_started_when_the_disk_takes_it_again(tmp_path: Path, wait_until: Callable[..., None]) -> None:
+    refuse, printed = threading.Event(), list[str]()
 
     def open_raw(path: Path) -> RawIOBase:
         if refuse.is_set():
@@ -290,7 +290,7 @@ def test_the_next_segment_is_begun_when_the_disk_takes_it_again(tmp_path: Path, 
         return open_new(path)
 
     recorder = Recorder(
-        segment_path(tmp_path, "run", 0), StuckClock(), said.append, open_raw=open_raw, segment_bytes=5_000, retry_after_s=0.05
+        segment_path(tmp_path, "run", 0), StuckClock(), printed.append, open_raw=open_raw, segment_bytes=5_000, retry_after_s=0.05
     )
     refuse.set()
     recorder.write(SEM_ORIGINAL, bytes(10_000), sequence=0)
@@ -300,5 +300,5 @@ def test_the_next_segment_is_begun_when_the_disk_takes_it_again(tmp_path: Path, 
     assert recorder.flush()
     assert recorder.backlog_message is None
     assert recorder.close()
-    assert [one.sequence for one in messages(tmp_path)] == [0, 1]
-    assert ["next segment cannot be created" in said[0], "are written now" in said[1]] == [True, True]
+    assert [item.sequence for item in messages(tmp_path)] == [0, 1]
+    assert ["next segment cannot be created" in printed[0], "are written now" in printed[1]] == [True, True]

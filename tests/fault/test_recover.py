@@ -37,8 +37,10 @@ def written(path: Path, seconds: int = 30, finish: bool = True) -> bytes:
                 writer.write("/log", LogLineMessage(time_ns=now_ns, level="info", text=f"second {second}"), now_ns, now_ns)
             writer.flush()
             if second % 3 == 0:
-                said = StateMessage(time_ns=now_ns, before="HOLDING", after="IMAGING_1", cause="time", step=second, guards={"force_n": 1.5})
-                writer.write("/state", said, now_ns + 1, now_ns)
+                printed = StateMessage(
+                    time_ns=now_ns, before="HOLDING", after="IMAGING_1", cause="time", step=second, guards={"force_n": 1.5}
+                )
+                writer.write("/state", printed, now_ns + 1, now_ns)
                 writer.flush()
                 writer.write(SEM_ORIGINAL, rng.integers(0, 256, 30_000, dtype=np.uint8).tobytes(), now_ns + 2, now_ns, second)
                 writer.write(DIC_MAP, rng.integers(0, 256, 9_000, dtype=np.uint8).tobytes(), now_ns + 3, now_ns, second)
@@ -48,13 +50,13 @@ def written(path: Path, seconds: int = 30, finish: bool = True) -> bytes:
     return path.read_bytes()
 
 
-def test_it_tells_how_much_is_read(tmp_path: Path) -> None:
+def test_it_reports_how_much_is_read(tmp_path: Path) -> None:
     sizes = [len(written(tmp_path / f"run.{number:03d}.mcap")) for number in (0, 1)]
-    told: list[tuple[int, int]] = []
-    recover_log(tmp_path, progress=lambda done, count: told.append((done, count)))
-    assert [done for done, _ in told] == sorted(done for done, _ in told)
-    assert {count for _, count in told} == {sum(sizes)}
-    assert told[-1][0] > 0.95 * sum(sizes)
+    reported: list[tuple[int, int]] = []
+    recover_log(tmp_path, progress=lambda done, count: reported.append((done, count)))
+    assert [done for done, _ in reported] == sorted(done for done, _ in reported)
+    assert {count for _, count in reported} == {sum(sizes)}
+    assert reported[-1][0] > 0.95 * sum(sizes)
 
 
 def test_thirty_random_damages_cost_only_themselves(tmp_path: Path) -> None:
@@ -69,7 +71,7 @@ def test_everything_before_every_tear_of_the_last_chunk_is_kept(tmp_path: Path) 
     for cut in range(known[0].chunk[0], known[5].end, 97):
         path.write_bytes(data[:cut])
         recovered = recover_segment(path)
-        assert sum(recovered.recovered.values()) == sum(one.end <= cut for one in known)
+        assert sum(recovered.recovered.values()) == sum(item.end <= cut for item in known)
         recovered.path.unlink()
         (tmp_path / f"cut{ORIGINAL}").unlink()
 
@@ -82,20 +84,20 @@ def test_rubbish_behind_a_tear_takes_nothing_with_it(tmp_path: Path) -> None:
     for cut in range(known[10].start, known[15].end, 53):
         for rubbish in (bytes(4096), bytes(range(256)) * 16):
             path.write_bytes(data[:cut] + rubbish)
-            kept = [one.payload for one in messages(path)]
-            assert kept == [one.key[4] for one in known if one.end <= cut]
+            stored = [item.payload for item in messages(path)]
+            assert stored == [item.key[4] for item in known if item.end <= cut]
 
 
 def test_a_damaged_log_is_recovered_in_place_and_the_original_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "run.000.mcap"
     data = bytearray(written(path))
-    image = next(one for one in standing(bytes(data)) if one.key[0] == SEM_ORIGINAL and one.key[1] == 6)
+    image = next(item for item in standing(bytes(data)) if item.key[0] == SEM_ORIGINAL and item.key[1] == 6)
     data[image.start + 5000] ^= 1
     path.write_bytes(data)
     done = subprocess.run([*RECOVER, str(tmp_path), "--json"], capture_output=True, text=True, check=True, timeout=60)
-    told = json.loads(done.stdout)
-    [segment] = told["segments"]
-    assert (told["lost"], told["lost_is_complete"], segment["lost"], segment["whole"]) == (1, True, {SEM_ORIGINAL: 1}, False)
+    reported = json.loads(done.stdout)
+    [segment] = reported["segments"]
+    assert (reported["lost"], reported["lost_is_complete"], segment["lost"], segment["whole"]) == (1, True, {SEM_ORIGINAL: 1}, False)
     [damage] = segment["damage"]
     assert damage["lost"] == {SEM_ORIGINAL: 1}
     assert (damage["start_byte"], damage["end_byte"]) == image.chunk
@@ -105,13 +107,13 @@ def test_a_damaged_log_is_recovered_in_place_and_the_original_is_kept(tmp_path: 
     [again] = recover_log(tmp_path)
     assert again.was_intact
     assert sum(again.recovered.values()) == 329
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["run.000.mcap", f"run.000{ORIGINAL}"]
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["run.000.mcap", f"run.000{ORIGINAL}"]
 
 
 def test_every_length_and_kind_of_a_chunk_may_be_wrong_by_a_bit(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     whole = written(path, 8)
-    chunk = next(one.chunk for one in standing(whole) if one.key[0] == DIC_MAP)
+    chunk = next(item.chunk for item in standing(whole) if item.key[0] == DIC_MAP)
     total = len(standing(whole))
     # Kind, length, uncompressed size, and size: each says again what another says, and the checksum decides.
     for byte in (0, 1, 2, 8, 25, 27, 41, 44):
@@ -128,9 +130,9 @@ def test_where_it_goes_and_what_is_refused(tmp_path: Path) -> None:
     (folder / "run.001.mcap.part").write_bytes(written(folder / "x", 3, finish=False)[:-200])
     (folder / "x").unlink()
     recovered = recover_log(folder, tmp_path / "out")
-    assert [one.was_intact for one in recovered] == [True, False]
-    assert sorted(one.name for one in (tmp_path / "out").iterdir()) == ["run.000.mcap", "run.001.mcap"]
-    assert sorted(one.name for one in folder.iterdir()) == ["run.000.mcap", "run.001.mcap.part"]
+    assert [item.was_intact for item in recovered] == [True, False]
+    assert sorted(item.name for item in (tmp_path / "out").iterdir()) == ["run.000.mcap", "run.001.mcap"]
+    assert sorted(item.name for item in folder.iterdir()) == ["run.000.mcap", "run.001.mcap.part"]
     with pytest.raises(BadLog, match="exists already"):
         recover_log(folder, tmp_path / "out")
     [left] = repair_partial_segments(folder)
@@ -181,7 +183,7 @@ def test_a_log_that_is_being_written_is_left_alone_and_a_killed_one_is_finished(
     assert summary.statistics.message_count == 100
 
 
-def test_what_an_older_log_tells_only_once_is_found_elsewhere(tmp_path: Path) -> None:
+def test_what_an_older_log_reports_only_once_is_found_elsewhere(tmp_path: Path) -> None:
     """Logs of earlier versions name a topic in its first chunk alone; the index at the end names it again."""
     from mcap.writer import CompressionType, Writer  # noqa: PLC0415
 

@@ -32,8 +32,8 @@ class Frame:
     log: Path
 
     def switch(self, words: str) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-            one.sendto(words.encode("ascii"), ("127.0.0.1", self.port))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as item:
+            item.sendto(words.encode("ascii"), ("127.0.0.1", self.port))
 
     def motions(self) -> int:
         """How many motions were ordered so far."""
@@ -97,7 +97,7 @@ def test_a_frame_that_was_restarted_after_a_kill_is_a_fault_and_yes_does_not_con
     terminal, operator = os.openpty()
     patient.start("--attended", operator=operator).reach("ramping")
     wait_until(lambda: frame_peer.motions() == 1)
-    wait_until(lambda: any(one["force_n"] > 15.0 for one in patient.logged("/load_frame/sample")))
+    wait_until(lambda: any(item["force_n"] > 15.0 for item in patient.logged("/load_frame/sample")))
     patient.daemon.send_signal(signal.SIGKILL)
     patient.daemon.communicate()
     frame_peer.switch("reboot 0")
@@ -106,7 +106,7 @@ def test_a_frame_that_was_restarted_after_a_kill_is_a_fault_and_yes_does_not_con
     (fault,) = patient.logged("/fault")
     assert fault["code"] == "device_restarted"
     assert "target (holding register 0) holds 0 N, 300 N was written" in fault["what"]
-    wait_until(lambda: sum(one["text"] == READY_TEXT for one in patient.logged("/log")) == 2)
+    wait_until(lambda: sum(item["text"] == READY_TEXT for item in patient.logged("/log")) == 2)
     time.sleep(3.0)
     assert frame_peer.motions() == 1
     os.write(terminal, b"resume\n")

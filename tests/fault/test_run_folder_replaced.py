@@ -69,13 +69,13 @@ def test_no_second_daemon_begins_where_a_run_was_deleted(patient: Any, wait_unti
         patient.log.mkdir()
     before = patient.calls()
     patient.start()
-    code, said = patient.end()
+    code, printed = patient.end()
     after = patient.calls()  # read before the first daemon runs on: it then notices at once and stops the frame
     os.kill(first.pid, signal.SIGCONT)
     assert code == 2
-    assert "another semlive is at work on this run" in said
+    assert "another semlive is at work on this run" in printed
     if sys.platform == "linux":
-        assert f"process {first.pid} (user " in said
+        assert f"process {first.pid} (user " in printed
     assert after == before
     assert list(patient.log.iterdir()) == [] if replaced else not patient.log.exists()
     wait_until(lambda: "stop" in patient.calls()[len(before) :])
@@ -108,7 +108,7 @@ def test_a_place_is_held_by_whatever_path_it_is_reached(tmp_path: Path) -> None:
 def test_a_reader_does_not_go_on_in_another_runs_segment(tmp_path: Path) -> None:
     write(tmp_path / "run.000.mcap", 100, 5)
     tail = LogTail(tmp_path)
-    assert [one.log_time_ns for one in tail.poll()] == [100, 101, 102, 103, 104]
+    assert [item.log_time_ns for item in tail.poll()] == [100, 101, 102, 103, 104]
     (tmp_path / "run.000.mcap.part").unlink()
     assert list(tail.poll()) == []
     write(tmp_path / "run.000.mcap", 900, 0)
@@ -123,7 +123,7 @@ def test_a_reader_of_a_later_segment_does_not_go_back_to_another_runs_first(tmp_
     write(tmp_path / "run.000.mcap", 100, 2, part=False)
     write(tmp_path / "run.001.mcap", 200, 2)
     tail = LogTail(tmp_path)
-    assert [one.log_time_ns for one in tail.poll()] == [100, 101, 200, 201]
+    assert [item.log_time_ns for item in tail.poll()] == [100, 101, 200, 201]
     shutil.rmtree(tmp_path)
     write(tmp_path / "run.000.mcap", 900, 9)
     assert list(tail.poll()) == []
@@ -141,17 +141,17 @@ def test_an_analysis_that_is_started_again_refuses_another_runs_log(tmp_path: Pa
 def test_analysis_of_a_replaced_folder_is_given_up_at_once(tmp_path: Path, wait_until: Callable[..., None]) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
-    recorder, said, troubles = (
+    recorder, printed, troubles = (
         Recorder(folder / "run.000.mcap", Now(1000), lambda _: None),
         list[AnalysisOutput](),
         list[tuple[str, bool]](),
     )
-    link = AnalysisProcess(folder, lambda: recorder.write_failed, said.append, lambda what, lost: troubles.append((what, lost)))
+    link = AnalysisProcess(folder, lambda: recorder.write_failed, printed.append, lambda what, lost: troubles.append((what, lost)))
     journal = RunLog(recorder)
     journal.subscribe(link.notify_input)
     config = parse_config(CONFIG, "here").model_dump(mode="json")
     journal.write_message(RunMessage(run="run", started_time_ns=1, host="here", versions={}, config=config))
-    wait_until(lambda: bool(said), 120.0)
+    wait_until(lambda: bool(printed), 120.0)
     shutil.rmtree(folder)
     folder.mkdir()
     other = Recorder(folder / "run.000.mcap", Now(9_000_000), pytest.fail)

@@ -49,7 +49,7 @@ class Watched:
         self.folder.poll()
 
     def names(self) -> list[str]:
-        return [one.name for one in self.files]
+        return [item.name for item in self.files]
 
 
 def test_links_to_kernel_files_and_devices_are_refused_and_other_files_are_taken(tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ def test_links_to_kernel_files_and_devices_are_refused_and_other_files_are_taken
     watched.wait(60)
     assert time.monotonic() - began_s < 5.0
     assert watched.names() == ["e.tif"]
-    reasons = {one.name: one.reason for one in watched.refused}
+    reasons = {item.name: item.reason for item in watched.refused}
     assert sorted(reasons) == ["a.tif", "b.tif", "c.tif", "d.tif"]
     assert "is not a regular file" in reasons["b.tif"]
     assert "is not a regular file" in reasons["c.tif"]
@@ -86,8 +86,8 @@ def test_a_read_that_does_not_return_is_named_and_others_go_on(tmp_path: Path) -
     watched.wait(5)
     assert watched.names() == ["z.tif"]
     watched.wait(25)
-    assert [one.name for one in watched.refused] == ["hangs0.tif", "hangs1.tif", "hangs2.tif"]
-    assert all("could not be read within 20 s" in one.reason for one in watched.refused)
+    assert [item.name for item in watched.refused] == ["hangs0.tif", "hangs1.tif", "hangs2.tif"]
+    assert all("could not be read within 20 s" in item.reason for item in watched.refused)
     (tmp_path / "zz.tif").write_bytes(image(10))
     watched.wait(5)
     assert watched.names() == ["z.tif", "zz.tif"]
@@ -128,7 +128,7 @@ def test_no_more_than_eight_reads_hang_at_once(tmp_path: Path) -> None:
     go_on.set()
 
 
-def test_a_file_that_holds_other_than_it_says_is_not_taken(tmp_path: Path) -> None:
+def test_a_file_that_holds_other_than_it_reports_is_not_taken(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     path.write_bytes(b"12345")
     assert read_regular(path, 5) == b"12345"
@@ -208,17 +208,17 @@ def test_the_run_pauses_until_the_operator_resumes(patient: Any, wait_until: Cal
     patient.start(operator=operator).reach("ramping")
     export.rename(tmp_path / "away")
     export.symlink_to(other_day(tmp_path / "other"))
-    wait_until(lambda: any(one["after"] == "paused" for one in patient.logged("/state")), 20.0)
-    [fault] = [one for one in patient.logged("/fault") if one["code"] == "export_folder"]
+    wait_until(lambda: any(item["after"] == "paused" for item in patient.logged("/state")), 20.0)
+    [fault] = [item for item in patient.logged("/fault") if item["code"] == "export_folder"]
     assert "another one than before" in fault["what"]
     os.write(terminal, b"resume\n")
     wait_until(lambda: patient.logged("/state")[-1]["after"] == "ramping", 20.0)
     pixels = np.random.default_rng(1).integers(0, 256, (64, 64), dtype=np.uint8)
     tifffile.imwrite(export / "late.tif", pixels)
     wait_until(lambda: bool(patient.logged("/sem/file")), 20.0)
-    assert {one["name"] for one in patient.logged("/sem/file") if one["name"]} == {"late.tif"}
+    assert {item["name"] for item in patient.logged("/sem/file") if item["name"]} == {"late.tif"}
     patient.daemon.terminate()
     patient.end()
-    assert any(one.topic == "/sem/original" for one in messages(patient.log))
+    assert any(item.topic == "/sem/original" for item in messages(patient.log))
     os.close(terminal)
     os.close(operator)

@@ -245,7 +245,7 @@ def test_a_giant_file_is_refused_unread(tmp_path: Path) -> None:
     assert "larger than 1000 bytes" in refused.reason
 
 
-def test_a_share_that_numbers_its_files_anew_has_nothing_refused_again(tmp_path: Path) -> None:
+def test_a_share_that_numbers_its_files_again_has_nothing_refused_again(tmp_path: Path) -> None:
     watched = Watched(tmp_path, WatchSettings(tmp_path, max_bytes=1000, vendor="jeol")).open()
     text = tmp_path / "a.txt"
     (tmp_path / "a.tif").write_bytes(image(1))
@@ -265,15 +265,17 @@ def test_a_dead_watch_is_known(tmp_path: Path) -> None:
     def break_down(file: ExportedFile) -> None:
         raise RuntimeError(file.name)
 
-    told: list[str] = []
+    reported: list[str] = []
     refused: list[RejectedFile] = []
-    watcher = FolderWatcher(WatchSettings(tmp_path, poll_s=0.02, stable_for_s=0.05), WallClock(), break_down, refused.append, told.append)
+    watcher = FolderWatcher(
+        WatchSettings(tmp_path, poll_s=0.02, stable_for_s=0.05), WallClock(), break_down, refused.append, reported.append
+    )
     watcher.start()
     assert not watcher.failed
     (tmp_path / "a.tif").write_bytes(image(1))
     deadline = time.monotonic() + 100.0
-    while not told and time.monotonic() < deadline:
+    while not reported and time.monotonic() < deadline:
         time.sleep(0.02)
     assert watcher.failed
-    assert "the watch of the export folder failed" in told[0]
+    assert "the watch of the export folder failed" in reported[0]
     watcher.close()

@@ -42,20 +42,20 @@ class Watched:
 
 
 def test_a_whole_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) -> None:
-    one = Watched(tmp_path, {"a.tif"})
+    item = Watched(tmp_path, {"a.tif"})
     (tmp_path / "a.tif").write_bytes(image(1))
-    one.wait(100)
-    assert (one.files, one.refused) == ([], [])
-    (notice,) = one.said
+    item.wait(100)
+    assert (item.files, item.refused) == ([], [])
+    (notice,) = item.said
     assert notice.startswith("a.tif: another program has had it open for 2")
     assert notice.endswith("it is taken when that lets go of it.")
-    one.held.clear()
-    one.wait(6)
-    assert [file.data for file in one.files] == [image(1)]
-    assert one.refused == []
+    item.held.clear()
+    item.wait(6)
+    assert [file.data for file in item.files] == [image(1)]
+    assert item.refused == []
 
 
-def test_what_the_system_says_of_a_held_file_is_known() -> None:
+def test_what_the_system_reports_of_a_held_file_is_known() -> None:
     assert is_locked_error(OSError(errno.EBUSY, "busy"))
     assert is_locked_error(OSError(errno.ETXTBSY, "text file busy"))
     assert not is_locked_error(OSError(errno.EACCES, "permission denied"))
@@ -65,7 +65,7 @@ def test_what_the_system_says_of_a_held_file_is_known() -> None:
         assert is_locked_error(refused) is held
 
 
-def test_what_this_system_tells_of_an_open_file(tmp_path: Path) -> None:
+def test_what_this_system_reports_of_an_open_file(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     with path.open("wb") as file:
         file.write(image(1))

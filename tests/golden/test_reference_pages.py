@@ -155,8 +155,8 @@ def _flowed(*lines: str) -> list[str]:
         else:
             paragraphs[-1] += " " + line.strip(" ")
         begins = line.endswith("\n")
-    wrapped = (textwrap.wrap(one, 120, subsequent_indent="  " * one.startswith("- "), break_on_hyphens=False) for one in paragraphs)
-    return ["\n".join(some) + "\n" * one.endswith("\n") for some, one in zip(wrapped, paragraphs, strict=True)]
+    wrapped = (textwrap.wrap(item, 120, subsequent_indent="  " * item.startswith("- "), break_on_hyphens=False) for item in paragraphs)
+    return ["\n".join(some) + "\n" * item.endswith("\n") for some, item in zip(wrapped, paragraphs, strict=True)]
 
 
 def cli_page() -> str:
@@ -174,36 +174,36 @@ def cli_page() -> str:
         inner = getattr(command, "commands", None)
         if not inner:
             parts += _command(f"semlive {entry.name}", command)
-        for name, one in (inner or {}).items():
-            parts += _command(f"semlive {entry.name} {name}", one)
+        for name, item in (inner or {}).items():
+            parts += _command(f"semlive {entry.name} {name}", item)
     return "\n".join(parts) + "\n"
 
 
 def _command(name: str, command: Any) -> Iterator[str]:
-    arguments = [one for one in command.params if one.param_type_name == "argument"]
-    options = [one for one in command.params if one.param_type_name == "option" and one.name != "help"]
+    arguments = [item for item in command.params if item.param_type_name == "argument"]
+    options = [item for item in command.params if item.param_type_name == "option" and item.name != "help"]
     hints = typing.get_type_hints(inspect.unwrap(command.callback))
-    needed = [one for one in options if one.required]
-    places = [_place(one) if one.required else f"[{_place(one)}]" for one in arguments]
-    used = " ".join([*places, *(f"{max(one.opts, key=len)} {max(one.opts, key=len).strip('-').upper()}" for one in needed)])
+    needed = [item for item in options if item.required]
+    places = [_place(item) if item.required else f"[{_place(item)}]" for item in arguments]
+    used = " ".join([*places, *(f"{max(item.opts, key=len)} {max(item.opts, key=len).strip('-').upper()}" for item in needed)])
     yield f"## `{f'{name} {used}'.strip()}`\n"
     yield from _flowed(f"{' '.join((command.help or '').split())}\n")
     if not arguments and not options:
         return
     yield "| argument or option | meaning | default |\n|---|---|---|"
-    for one in (*arguments, *options):
-        words = _place(one) if one in arguments else ", ".join(sorted((*one.opts, *one.secondary_opts), key=len))
-        unset = one.default is None or one.default is False or callable(one.default)
-        default = "" if unset else f"`{getattr(one.default, 'value', one.default)}`"
-        choices = [f"`{choice.value}`" for kind in _kinds(hints.get(one.name)) for choice in kind]
-        told = _cell(one.help or "") + (f" One of {', '.join(choices)}." if choices else "")
-        yield f"| `{words}` | {told} | {'needed' if one.required else default} |"
+    for item in (*arguments, *options):
+        words = _place(item) if item in arguments else ", ".join(sorted((*item.opts, *item.secondary_opts), key=len))
+        unset = item.default is None or item.default is False or callable(item.default)
+        default = "" if unset else f"`{getattr(item.default, 'value', item.default)}`"
+        choices = [f"`{choice.value}`" for kind in _kinds(hints.get(item.name)) for choice in kind]
+        reported = _cell(item.help or "") + (f" One of {', '.join(choices)}." if choices else "")
+        yield f"| `{words}` | {reported} | {'needed' if item.required else default} |"
     yield ""
 
 
 def _kinds(hint: Any) -> list[type[enum.Enum]]:
     """The enumerations that an option takes its value from."""
-    return [one for one in (hint, *typing.get_args(hint)) if inspect.isclass(one) and issubclass(one, enum.Enum)]
+    return [item for item in (hint, *typing.get_args(hint)) if inspect.isclass(item) and issubclass(item, enum.Enum)]
 
 
 def _place(argument: Any) -> str:
@@ -255,9 +255,11 @@ def _fields(cls: type) -> Iterator[tuple[str, str, str]]:
         for name, field in cls.model_fields.items():
             yield name, _type(hints[name]), _model_default(field)
         return
-    for one in dataclasses.fields(cls):
-        default = "needed" if one.default is dataclasses.MISSING and one.default_factory is dataclasses.MISSING else _default(one.default)
-        yield one.name, _type(hints[one.name]), default
+    for item in dataclasses.fields(cls):
+        default = (
+            "needed" if item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING else _default(item.default)
+        )
+        yield item.name, _type(hints[item.name]), default
 
 
 def _model_default(field: FieldInfo) -> str:
@@ -276,13 +278,13 @@ def _default(value: object) -> str:
 def _type(hint: Any) -> str:
     if typing.get_origin(hint) is typing.Annotated:
         hint = typing.get_args(hint)[0]
-    arguments = [one for one in typing.get_args(hint) if one is not type(None)]
+    arguments = [item for item in typing.get_args(hint) if item is not type(None)]
     if typing.get_origin(hint) is typing.Literal:
-        return " or ".join(str(one) for one in typing.get_args(hint))
+        return " or ".join(str(item) for item in typing.get_args(hint))
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
-        return " or ".join(_type(one) for one in arguments)
+        return " or ".join(_type(item) for item in arguments)
     if inspect.isclass(hint) and issubclass(hint, enum.Enum):
-        return " or ".join(str(one.value) for one in hint)
+        return " or ".join(str(item.value) for item in hint)
     if typing.get_origin(hint) in (list, tuple):
         return (
             f"list of {_type(arguments[0])}"
@@ -301,8 +303,8 @@ def _attribute_words(cls: type) -> dict[str, str]:
         r"^    (\w+): (.*?)(?=^    \w+: |\Z)", inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2], re.M | re.S
     ):
         found[match[1]] = " ".join(match[2].split())
-    for one in (base for base in reversed(cls.__mro__) if base.__module__.startswith("semlive")):
-        body = ast.parse(inspect.getsource(one)).body[0]
+    for item in (base for base in reversed(cls.__mro__) if base.__module__.startswith("semlive")):
+        body = ast.parse(inspect.getsource(item)).body[0]
         assert isinstance(body, ast.ClassDef)
         for before, after in zip(body.body, body.body[1:], strict=False):
             named = isinstance(before, ast.AnnAssign) and isinstance(before.target, ast.Name)
@@ -324,7 +326,7 @@ PAGES = {"cli.md": cli_page, "configuration.md": configuration_page}
 
 @pytest.mark.checkout
 @pytest.mark.parametrize("name", PAGES)
-def test_the_page_says_what_the_code_says(name: str) -> None:
+def test_the_page_reports_what_the_code_reports(name: str) -> None:
     assert (DOCS / name).read_text(encoding="utf-8") == PAGES[name]()
 
 

@@ -53,7 +53,7 @@ def test_a_round_hole_is_kirschs() -> None:
 
 
 @pytest.mark.parametrize("semi_px", ELLIPSES)
-def test_the_edge_of_a_hole_is_free_and_its_ends_concentrate_as_inglis_says(semi_px: tuple[float, float]) -> None:
+def test_the_edge_of_a_hole_is_free_and_its_ends_concentrate_as_inglis_reports(semi_px: tuple[float, float]) -> None:
     hole = EllipticHole(0.0, 0.0, *semi_px)
     angle = np.linspace(0.05, 2 * np.pi, 40)
     just = 1.0 + 1e-4  # differences need points on both sides
@@ -81,8 +81,8 @@ def test_stresses_around_a_hole_are_in_equilibrium(semi_px: tuple[float, float])
 def scene(width: int = 160, height: int = 120, **effects: object) -> Scenario:
     paper = load_scenario("paper_x200")
     scan = dataclasses.replace(paper.scan, width_px=width, height_px=height, frame_time_s=height * paper.scan.row_time_s)
-    quiet = dataclasses.replace(paper.detector, read_noise=0.0, shot_noise=0.0, bits=16)
-    return dataclasses.replace(paper, scan=scan, detector=quiet, effects=build_effects(effects))
+    silent = dataclasses.replace(paper.detector, read_noise=0.0, shot_noise=0.0, bits=16)
+    return dataclasses.replace(paper, scan=scan, detector=silent, effects=build_effects(effects))
 
 
 HOLE = {"defaults": "x200", "radius_px": 20.0}
@@ -91,7 +91,7 @@ GRAINS = {"defaults": "x200", "grain_px": 25.0}
 
 
 @pytest.mark.parametrize("chosen", [{"hole": HOLE}, {"notch": NOTCH}, {"grain_strain": GRAINS}, {"hole": HOLE, "grain_strain": GRAINS}])
-def test_the_picture_shows_each_point_where_the_truth_says_it_went(chosen: dict[str, object]) -> None:
+def test_the_picture_shows_each_point_where_the_truth_reports_it_went(chosen: dict[str, object]) -> None:
     world, force = dataclasses.replace(scene(), effects=build_effects(chosen)), 1500.0
     motion = at_rest((1.3, -0.7), world.specimen.gradient(force), force)
     column = world.column()
@@ -164,7 +164,7 @@ def test_plastic_strain_is_ramberg_and_osgoods_and_stays() -> None:
     np.testing.assert_allclose(strain_field(effects, world.scan, loaded, 0.0, 0.0, 50.0).eyy, 0.002 * (200 / 95) ** 2.25, rtol=1e-9)
 
 
-def test_grain_strain_has_the_spread_it_says_and_no_mean() -> None:
+def test_grain_strain_has_the_spread_it_reports_and_no_mean() -> None:
     effects = build_effects({"grain_strain": {"seed": 5, "grain_px": 12.0, "strain_sd_per_n": 2e-7}})
     field = strain_field(effects, scene(1000, 1600).scan, at_rest(load_n=2000.0), 0.0, 0.0, 12.0)
     # 12,500 points, correlated over a few neighbours: the spread is known to about 1.5 %, the mean to 2 % of the spread.

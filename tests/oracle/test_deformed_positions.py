@@ -98,7 +98,7 @@ def point_seen(world: Scenario, w: Callable[[float, float], complex], x: int, y:
 
 
 @pytest.mark.parametrize(("name", "opening", "ellipse", "grain_px"), CASES.values(), ids=CASES.keys())
-def test_the_beam_looks_where_brute_force_says(name: str, opening: str, ellipse: Ellipse, grain_px: float) -> None:
+def test_the_beam_looks_where_brute_force_reports(name: str, opening: str, ellipse: Ellipse, grain_px: float) -> None:
     magnification = name.removeprefix("paper_")
     world = load_scenario(name)
     world = dataclasses.replace(world, effects=build_effects({opening: magnification, "grain_strain": magnification}))

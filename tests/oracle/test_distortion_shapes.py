@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from semlive_simulators.effects.distortion_shapes import SHAPES
+from semlive_simulators.effects.distortion import SHAPES
 from semlive_simulators.scenario import BadScenario, load_scenario
 
 RANGES_PX = {"fig11_x200": ((-0.6, 1.0), (-0.5, 2.0)), "fig11_x10000": ((-0.5, 0.5), (-0.4, 2.6))}

@@ -59,10 +59,10 @@ def prior_roots(state: EstimatorState) -> Iterator[tuple[slice, np.ndarray]]:
     for name in state.layout.names:
         part = state.layout.part(name)
         for axis in (0, 1) if name in gauges else ():
-            one = slice(part.start + axis, part.stop, 2)
-            yield one, gauges[name]
-            value, vector = np.linalg.eigh(belief[one, one])
-            yield one, (vector * np.sqrt(np.where(value > 1e-13 * value[-1], value, 0.0))).T
+            item = slice(part.start + axis, part.stop, 2)
+            yield item, gauges[name]
+            value, vector = np.linalg.eigh(belief[item, item])
+            yield item, (vector * np.sqrt(np.where(value > 1e-13 * value[-1], value, 0.0))).T
     for change in state.raster:
         part = state.layout.part(change.name)
         yield part, np.linalg.cholesky((gauge_precision(state) + belief)[part, part]).T
@@ -75,24 +75,24 @@ def dense(state: EstimatorState) -> np.ndarray:
     """Least squares over [parameters, noise of frame 0 per block and component] by QR of all weighted rows."""
     n, blocks = state.layout.size, state.blocks.size
     rows, values = [], []
-    for one in state.rows:
-        for axis, (index, design) in enumerate(map_columns(state, one, state.linearisation_point)):
+    for item in state.rows:
+        for axis, (index, design) in enumerate(map_columns(state, item, state.linearisation_point)):
             block = np.zeros((blocks, n + 2 * blocks))
             block[:, index] = design
-            if one.reference == 0:
+            if item.reference == 0:
                 block[:, n + axis * blocks : n + (axis + 1) * blocks] = -np.eye(blocks)
-            root = np.sqrt(one.weight[:, axis])
+            root = np.sqrt(item.weight[:, axis])
             rows.append(block * root[:, None])
-            values.append(one.disparity_px[:, axis] * root)
+            values.append(item.disparity_px[:, axis] * root)
     noise_prior = np.zeros((2 * blocks, n + 2 * blocks))
     noise_prior[:, n:] = np.diag(np.sqrt(state.reference.prior.T.ravel()))
     rows.append(noise_prior)
     values.append(np.zeros(2 * blocks))
-    for part, one in prior_roots(state):
-        root = np.zeros((len(one), n + 2 * blocks))
-        root[:, part] = one
+    for part, item in prior_roots(state):
+        root = np.zeros((len(item), n + 2 * blocks))
+        root[:, part] = item
         rows.append(root)
-        values.append(np.zeros(len(one)))
+        values.append(np.zeros(len(item)))
     return np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=1e-15)[0][:n]
 
 
@@ -137,8 +137,8 @@ def test_gross_errors_of_single_points_are_left_out() -> None:
     spoilt[3, 4], spoilt[20, 30] = 25.0, -8.0
     means = []
     for u in (clean, spoilt):
-        one, none = np.full(grid.shape, 0.02), np.zeros(grid.shape, np.uint8)
-        dmap = DisparityMap(0, 1, grid, u.copy(), u.copy(), one, one, one, none)
+        item, none = np.full(grid.shape, 0.02), np.zeros(grid.shape, np.uint8)
+        dmap = DisparityMap(0, 1, grid, u.copy(), u.copy(), item, item, item, none)
         state = estimating.init(EstimateSettings(), grid, 280, 240)
         state = estimating.update(state, 0, Phase.CALIBRATION, (when(0, 0.0), when(1, 14.0)), (dmap,))
         means.append(state.rows[0].disparity_px)
@@ -154,7 +154,7 @@ def test_spline_rows_equal_scipy(derivative: int, degree: int) -> None:
     index, value = spline.local(at) if derivative == 0 else spline.local_rate(at)
     rows = np.zeros((len(at), spline.size))
     np.put_along_axis(rows, index, value, axis=1)
-    expected = np.stack([BSpline(knots, one, degree)(at, derivative) for one in np.eye(spline.size)], axis=1)
+    expected = np.stack([BSpline(knots, item, degree)(at, derivative) for item in np.eye(spline.size)], axis=1)
     np.testing.assert_allclose(rows, expected, atol=1e-12)
     if derivative == 0:
         np.testing.assert_allclose(rows, BSpline.design_matrix(at, knots, degree).toarray(), atol=1e-12)

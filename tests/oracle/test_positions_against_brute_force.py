@@ -146,12 +146,12 @@ def test_an_integrated_frame_of_film_is_the_mean_of_what_each_visit_saw() -> Non
     assert isinstance(film, GoldFilm)
     for y in range(0, 24, 5):
         for x in range(1, 40, 6):
-            seen = []
+            observed = []
             for visit in range(16):
                 time_s = START_S + visit_s(world, x, y, visit)
                 point = point_seen_unstrained(world, drift, jump_s, time_s, x, y, (time_s - START_S) / scan.duration_s)
-                seen.append(film_at(film, *point))
-            grey = detector.offset + detector.gain * sum(seen) / 16
+                observed.append(film_at(film, *point))
+            grey = detector.offset + detector.gain * sum(observed) / 16
             assert image[y, x] == pytest.approx(grey, abs=0.01)  # rounding of 16 bit is 0.002; 1e-4 px on an edge of 30 levels per px 0.003
 
 
@@ -166,7 +166,7 @@ def point_seen_unstrained(
     return x - ex - bx - dx - part * 13.0, y - ey - by - dy + part * 31.0
 
 
-def test_a_film_has_the_gold_it_says_no_period_and_no_direction() -> None:
+def test_a_film_has_the_gold_it_reports_no_period_and_no_direction() -> None:
     paper = load_scenario("paper_x10000")
     calm = dataclasses.replace(paper.drift.x, warmup_px=0.0, linear_px_s=0.0)
     detector = dataclasses.replace(paper.detector, read_noise=0.0, shot_noise=0.0)

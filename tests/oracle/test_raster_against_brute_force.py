@@ -67,7 +67,7 @@ def scrambled(z: int) -> int:
 
 def gold_at(speckle: Speckle, point: NDArray[np.float64]) -> float:
     """Coverage at a point from all dots within two cells, one more than can reach it."""
-    bare = 1.0
+    plain = 1.0
     middle = [math.floor(value / speckle.pitch_px) for value in point]
     for row in range(middle[1] - 2, middle[1] + 3):
         for column in range(middle[0] - 2, middle[0] + 3):
@@ -79,8 +79,8 @@ def gold_at(speckle: Speckle, point: NDArray[np.float64]) -> float:
             radius = speckle.radius_px * (1 + speckle.radius_spread * (2 * jr - 1))
             distance = math.hypot(point[0] - (column + jx) * speckle.pitch_px, point[1] - (row + jy) * speckle.pitch_px)
             t = min(1.0, max(0.0, (radius + speckle.edge_px - distance) / (2 * speckle.edge_px)))
-            bare *= 1 - (0.85 + 0.15 * jp / speckle.presence) * (6 * t**5 - 15 * t**4 + 10 * t**3)
-    return 1 - bare
+            plain *= 1 - (0.85 + 0.15 * jp / speckle.presence) * (6 * t**5 - 15 * t**4 + 10 * t**3)
+    return 1 - plain
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_the_same_seed_gives_the_same_bytes_in_strips_and_at_once() -> None:
     assert not np.array_equal(whole, render_frame(scenario, 10.0, frame=4))
 
 
-def test_noise_is_white_normal_and_as_large_as_the_detector_says() -> None:
+def test_noise_is_white_normal_and_as_large_as_the_detector_reports() -> None:
     noisy, clean = small(384, 256, noise=True), small(384, 256)
     signal = render_frame(clean).astype(float)
     noise = render_frame(noisy, frame=7) - signal

@@ -6,8 +6,7 @@ import numpy as np
 
 from semlive import dic
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.mains_hum import MainsHum
-from semlive_simulators.effects.row_jitter import RowJitter
+from semlive_simulators.effects.scan_deflection import MainsHum, RowJitter
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 

@@ -35,11 +35,11 @@ def info(scenario: Scenario, number: int) -> FrameInfo:
 
 
 def told(scenario: Scenario) -> Truth:
-    kept = Kept(scenario, START_NS)
+    stored = Kept(scenario, START_NS)
     for number, motion in enumerate(MOTIONS):
         start_ns = START_NS + round(STARTS_S[number] * 1e9)
-        kept.add_frame(frame_truth(scenario, f"{number}.tif", start_ns, STARTS_S[number], motion, 0.0, False), motion.history)
-    return Truth.of(json.loads(kept.encode(START_NS + 2_400_000_000_000, 0, 0.0)))
+        stored.add_frame(frame_truth(scenario, f"{number}.tif", start_ns, STARTS_S[number], motion, 0.0, False), motion.history)
+    return Truth.of(json.loads(stored.encode(START_NS + 2_400_000_000_000, 0, 0.0)))
 
 
 def material(scenario: Scenario, motion: Motion, number: int, address_px: np.ndarray) -> np.ndarray:
@@ -49,7 +49,7 @@ def material(scenario: Scenario, motion: Motion, number: int, address_px: np.nda
     for visit in range(column.timing.row_start_s.shape[0]):
         x, y, _ = column.specimen_points(range(low, high), visit, STARTS_S[number], motion, number)
         at = np.stack((address_px[:, 1] - low, address_px[:, 0]))
-        points.append(np.stack([map_coordinates(one, at, order=3) for one in (x, y)], axis=-1))
+        points.append(np.stack([map_coordinates(item, at, order=3) for item in (x, y)], axis=-1))
     return np.mean(points, axis=0)
 
 

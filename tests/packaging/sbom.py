@@ -70,13 +70,15 @@ def vendored_uplot() -> dict[str, Any]:
 def required(line: str) -> dict[str, Any]:
     """A declared dependency; installers choose its version within the range."""
     requirement, _, marker = (part.strip() for part in line.partition(";"))
-    name = re.match(r"[A-Za-z0-9._-]+", requirement)
+    name = re.match(r"([A-Za-z0-9._-]+)(?:\[([A-Za-z0-9,._-]+)\])?", requirement)
     assert name is not None
     properties = [{"name": "semlive:version-range", "value": requirement[name.end() :]}]
+    if name[2]:
+        properties.append({"name": "semlive:extras", "value": name[2]})
     if marker:
         properties.append({"name": "semlive:marker", "value": marker})
-    purl = f"pkg:pypi/{re.sub(r'[-_.]+', '-', name[0]).lower()}"
-    return {"type": "library", "bom-ref": name[0], "name": name[0], "purl": purl, "scope": "required", "properties": properties}
+    purl = f"pkg:pypi/{re.sub(r'[-_.]+', '-', name[1]).lower()}"
+    return {"type": "library", "bom-ref": name[1], "name": name[1], "purl": purl, "scope": "required", "properties": properties}
 
 
 def text() -> str:

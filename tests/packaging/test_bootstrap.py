@@ -125,13 +125,13 @@ def test_a_folder_that_is_no_environment_is_left_alone(go: types.ModuleType, tmp
     assert (precious / "chapter1.txt").read_text("utf-8") == "years of work"
 
 
-def test_an_old_python_says_so(go: types.ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_old_python_reports_so(go: types.ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(go, "OLDEST", (99, 1))
     with pytest.raises(go.Refused, match=r"needs Python 99\.1 or newer"):
         go.require_python()
 
 
-def test_a_python_without_venv_says_so(go: types.ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_python_without_venv_reports_so(go: types.ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(go.Refused, match="lacks Python's venv module: install it"):
         go.require_python()

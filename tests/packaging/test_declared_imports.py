@@ -47,7 +47,7 @@ def imported(folder: Path) -> set[str]:
 
 @pytest.mark.parametrize("folder", ["semlive", "drivers", "simulators"])
 def test_the_packages_declare_what_they_import(folder: str) -> None:
-    extras = [one for extra in EXTRAS.get(folder, ()) for one in PROJECT["optional-dependencies"][extra]]
+    extras = [item for extra in EXTRAS.get(folder, ()) for item in PROJECT["optional-dependencies"][extra]]
     assert imported(ROOT / folder) <= named(PROJECT["dependencies"] + extras)
 
 

@@ -41,8 +41,8 @@ def test_a_pair_is_correlated_in_the_sandbox(namespace_peer: str, state: Path) -
     entered, environ = command(state, work)
     done = subprocess.run(entered, env=environ, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["converged"] == told["points"] > 100
+    reported = json.loads(done.stdout)
+    assert reported["converged"] == reported["points"] > 100
     # What is not writable cannot have been used: the installation's own folder of compiled functions is one of these.
     trial = ["sh", "-c", f"touch {KERNELS}/__pycache__/trial || echo refused"]
     entered, environ = command(state, trial)

@@ -26,12 +26,12 @@ def nodes(node: Node) -> Iterator[Node]:
 def test_the_script_parses_and_calls_what_there_is() -> None:
     source = SCRIPT.read_bytes()
     tree = Parser(Language(tree_sitter_powershell.language())).parse(source)
-    wrong = [(one.start_point.row + 1, one.text) for one in nodes(tree.root_node) if one.type == "ERROR" or one.is_missing]
+    wrong = [(item.start_point.row + 1, item.text) for item in nodes(tree.root_node) if item.type == "ERROR" or item.is_missing]
     assert not wrong
-    called = {one.text.decode() for one in nodes(tree.root_node) if one.type == "command_name" and one.text}
+    called = {item.text.decode() for item in nodes(tree.root_node) if item.type == "command_name" and item.text}
     assert {"Register-ScheduledTask", "Start-ScheduledTask", "Stop-ScheduledTask", "Unregister-ScheduledTask"} <= called
     text = source.decode()
     named = set(re.findall(r"(?:& \$Semlive|[:;] semlive|-Argument \"|^semlive) (?!-)(\w+)|-Argument \"(\w+)", text))
-    assert {one for pair in named for one in pair if one} <= {entry.name for entry in COMMANDS}
-    asked = set(re.findall(r"(?<=\[switch\]\$)\w+", text))
-    assert asked == set(re.findall(r"if \(\$(\w+)\)", text)), "every switch has its branch"
+    assert {item for pair in named for item in pair if item} <= {entry.name for entry in COMMANDS}
+    requests = set(re.findall(r"(?<=\[switch\]\$)\w+", text))
+    assert requests == set(re.findall(r"if \(\$(\w+)\)", text)), "every switch has its branch"

@@ -245,17 +245,17 @@ def test_the_stage_ends_near_its_goal_within_backlash_and_its_geometry(moves: li
 
 
 def test_the_table_comes_to_rest_at_another_place_from_the_other_side() -> None:
-    quiet = dataclasses.replace(TABLE, position_noise_um=0.0)
+    silent = dataclasses.replace(TABLE, position_noise_um=0.0)
 
     def goto(state: stage.StageState, x_um: float) -> stage.StageState:
-        state = stage.start_move(state, quiet, x_um, 0.0, seed=1)
+        state = stage.start_move(state, silent, x_um, 0.0, seed=1)
         while state.moving:
-            state = stage.step(state, quiet, DT_S)
+            state = stage.step(state, silent, DT_S)
         return state
 
     from_left = goto(goto(stage.StageState(), -20.0), 0.0)
     from_right = goto(goto(stage.StageState(), 20.0), 0.0)
-    assert from_right.table_x_um - from_left.table_x_um == pytest.approx(quiet.backlash_um)
+    assert from_right.table_x_um - from_left.table_x_um == pytest.approx(silent.backlash_um)
     assert from_left.motor_x_um == from_right.motor_x_um == pytest.approx(0.0)
 
 
@@ -287,14 +287,14 @@ def test_a_held_load_creeps_where_a_held_position_relaxes() -> None:
         for _ in range(round(120.0 / DT_S)):
             arrived = dynamics.step(arrived, parameters, DT_S)
         held.append(arrived)
-    assert [one.drive for one in held] == [Drive.HOLDING, Drive.HOLDING]
+    assert [item.drive for item in held] == [Drive.HOLDING, Drive.HOLDING]
     assert held[0].force_n < 2010.0 - 1.5
     assert held[1].force_n == pytest.approx(2010.0, abs=0.02)
     # What grips and machine give way, in full: 0.3 % of the extension.
     assert held[1].extension_mm - 2010.0 / state.stiffness_n_mm == pytest.approx(
         MACHINE.relaxation_fraction * held[1].extension_mm, rel=0.01
     )
-    for order in (dynamics.stop, dynamics.trip_watchdog, lambda one: dynamics.jog(one, 0.01)):
+    for order in (dynamics.stop, dynamics.trip_watchdog, lambda item: dynamics.jog(item, 0.01)):
         assert not order(held[1]).keeps_load
 
 
@@ -313,14 +313,14 @@ def test_a_load_held_on_a_broken_specimen_runs_to_the_limit_switch() -> None:
 def test_the_strain_gage_sees_the_specimen_creep() -> None:
     creep = {"strain_per_n": 2e-7, "onset_s": 10.0, "poissons_ratio": 0.33}
     gage = dataclasses.replace(SCENARIO.strain_gage, noise=0.0)
-    said = []
+    printed = []
     for chosen in ({}, {"creep_in_hold": creep}):
         world = dataclasses.replace(SCENARIO, strain_gage=gage, effects=build_effects(chosen))
         machine = LoadTrain(world, 0)
         machine.ramp_to(1000.0, 200.0)
-        said.append([machine.read(round(time_s * 1e9)).strain_gage for time_s in (0.0, 60.0, 300.0)])
-    crept = said[1][1] - said[0][1], said[1][2] - said[0][2]
-    assert said[0][0] == said[1][0] == gage.offset
+        printed.append([machine.read(round(time_s * 1e9)).strain_gage for time_s in (0.0, 60.0, 300.0)])
+    crept = printed[1][1] - printed[0][1], printed[1][2] - printed[0][2]
+    assert printed[0][0] == printed[1][0] == gage.offset
     # Arrived after about 10 s: ln(1 + 50 / 10) and ln(1 + 290 / 10) times 2e-4.
     assert crept == (pytest.approx(1.005 * 2e-4 * math.log(6.0), rel=0.1), pytest.approx(1.005 * 2e-4 * math.log(30.0), rel=0.05))
 
@@ -330,18 +330,18 @@ def test_the_strain_gage_is_a_mean_over_its_length() -> None:
     hole = {"defaults": "x200", "radius_px": radius_px}
     lens = {"defaults": "x200", "grains_px": [[511.5, 1500.0]]}
     gage = dataclasses.replace(SCENARIO.strain_gage, noise=0.0)
-    said = []
+    printed = []
     for chosen in ({}, {"hole": hole}, {"charging_local_lens": lens}):
         machine = LoadTrain(dataclasses.replace(SCENARIO, strain_gage=gage, effects=build_effects(chosen)), 0)
         machine.ramp_to(force_n, 200.0)
-        said.append(machine.read(60_000_000_000).strain_gage)
+        printed.append(machine.read(60_000_000_000).strain_gage)
         true_n = machine.window(59.9, 60.0).motion.load_at(np.array([60.0]))[0]
     # Kirsch: the point above the hole at a distance r moves outwards by this, besides the plate without a hole.
     kappa, ratio = (3 - nu) / (1 + nu), radius_px / half_px
     outwards_px = true_n / 711_000 * radius_px * (1 + nu) / 4 * (2 * ratio * (2 + kappa) - 2 * ratio**3)
-    assert said[1] - said[0] == pytest.approx(gage.gain * outwards_px / half_px, rel=1e-3)
-    assert said[1] > 1.3 * said[0]
-    assert said[2] == said[0]  # what bends the beam strains nothing
+    assert printed[1] - printed[0] == pytest.approx(gage.gain * outwards_px / half_px, rel=1e-3)
+    assert printed[1] > 1.3 * printed[0]
+    assert printed[2] == printed[0]  # what bends the beam strains nothing
 
 
 def test_what_is_planned_for_a_step_of_the_machine_happens_once() -> None:

@@ -65,10 +65,10 @@ def random_map(grid: Grid, seed: int) -> DisparityMap:
 
 @given(
     st.one_of(
-        INFOS.map(lambda one: (values.scan_message, values.frame_info, one)),
-        PAIRS.map(lambda one: (values.pair_message, values.pair_decision, one)),
-        SAMPLES.map(lambda one: (values.load_sample_message, values.load_sample, one)),
-        STAGES.map(lambda one: (values.stage_sample_message, values.stage_sample, one)),
+        INFOS.map(lambda item: (values.scan_message, values.frame_info, item)),
+        PAIRS.map(lambda item: (values.pair_message, values.pair_decision, item)),
+        SAMPLES.map(lambda item: (values.load_sample_message, values.load_sample, item)),
+        STAGES.map(lambda item: (values.stage_sample_message, values.stage_sample, item)),
     )
 )
 def test_nouns_come_back_equal_from_json(case: tuple) -> None:
@@ -158,10 +158,10 @@ def test_fields_come_back_within_1e_7_of_themselves_and_damaged_ones_are_refused
     ):
         assert np.array_equal(back.valid, field.valid)
         for name in names:
-            one, other = getattr(back, name), getattr(field, name)
-            assert one.dtype == np.float64
-            assert not one.flags.writeable
-            assert np.all(np.abs(one - other) <= 1e-7 * np.abs(other))
+            item, other = getattr(back, name), getattr(field, name)
+            assert item.dtype == np.float64
+            assert not item.flags.writeable
+            assert np.all(np.abs(item - other) <= 1e-7 * np.abs(other))
     # What came back once comes back to the last bit.
     assert (encode_displacement(moved), encode_strain(strained)) == payloads
     for decode, payload in ((decode_displacement, payloads[0]), (decode_strain, payloads[1])):
@@ -251,9 +251,9 @@ def test_torn_logs_give_all_that_was_flushed_before_the_tear(lines: list, fracti
     cut = int(8 + fraction * (len(whole) - 8))
     damage: list[str] = []
     read = list(read_messages(BytesIO(whole[:cut] + rubbish), damage.append))
-    kept = sum(end <= cut for end in ends)
-    assert [message.payload for message in read[:kept]] == [payload for _, payload, _ in lines[:kept]]
-    assert [message.sequence for message in read[:kept]] == list(range(kept))
+    stored = sum(end <= cut for end in ends)
+    assert [message.payload for message in read[:stored]] == [payload for _, payload, _ in lines[:stored]]
+    assert [message.sequence for message in read[:stored]] == list(range(stored))
     assert damage or len(read) == len(lines)
 
 

@@ -52,7 +52,7 @@ def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_whol
     assert list(tail.poll()) == []
 
 
-def test_a_cut_read_anew_gives_what_a_following_reader_was_given(tmp_path: Path) -> None:
+def test_a_cut_read_again_gives_what_a_following_reader_was_given(tmp_path: Path) -> None:
     data = write(tmp_path / "whole.mcap", 0, 6)
     path = tmp_path / "cut.mcap.part"
     follower, followed = LogTail(path), 0
@@ -72,24 +72,24 @@ def test_renames_and_new_segments_are_followed(tmp_path: Path) -> None:
     assert not tail.finished
     part.write_bytes(data)
     part.rename(finished)
-    assert [one.payload for one in first + list(tail.poll())] == [one.payload for one in messages(finished)]
+    assert [item.payload for item in first + list(tail.poll())] == [item.payload for item in messages(finished)]
     assert tail.finished
     write(tmp_path / "run.001.mcap.part", 100, 4, finish=False)
     later = list(tail.poll())
-    assert [one.log_time_ns for one in later if one.topic == "/log"] == [100, 101, 102, 103]
+    assert [item.log_time_ns for item in later if item.topic == "/log"] == [100, 101, 102, 103]
     assert not tail.finished
 
 
 def test_a_torn_segment_is_given_up_when_the_next_one_exists(tmp_path: Path) -> None:
-    told: list[str] = []
-    tail = LogTail(tmp_path, told.append)
+    reported: list[str] = []
+    tail = LogTail(tmp_path, reported.append)
     data = write(tmp_path / "run.000.mcap.part", 0, 6, finish=False)
     (tmp_path / "run.000.mcap.part").write_bytes(data[:-120])
     first = list(tail.poll())
-    assert told == []
+    assert reported == []
     write(tmp_path / "run.001.mcap", 100, 4)
     rest = list(tail.poll())
-    assert len(told) == 1
+    assert len(reported) == 1
     assert first + rest == list(messages(tmp_path))
     assert tail.finished
 
@@ -110,8 +110,8 @@ def test_a_segment_recovered_under_the_reader_gives_nothing_twice(tmp_path: Path
 def test_what_was_not_taken_comes_again(tmp_path: Path) -> None:
     write(tmp_path / "run.000.mcap", 0, 12)
     tail, read = LogTail(tmp_path), list[LogMessage]()
-    while one := next(tail.poll(), None):
-        read.append(one)
+    while item := next(tail.poll(), None):
+        read.append(item)
     assert read == list(messages(tmp_path))
 
 
@@ -120,9 +120,9 @@ def test_damage_in_the_middle_is_passed_over_and_told(tmp_path: Path) -> None:
     data = bytearray(write(path, 0, 12))
     data[data.index(b"xxxxx")] ^= 1
     path.write_bytes(data)
-    told: list[str] = []
-    assert list(follow(tmp_path, on_damage=told.append)) == list(messages(tmp_path))
-    assert told == ["run.000.mcap: a chunk is damaged: its checksum is wrong."]
+    reported: list[str] = []
+    assert list(follow(tmp_path, on_damage=reported.append)) == list(messages(tmp_path))
+    assert reported == ["run.000.mcap: a chunk is damaged: its checksum is wrong."]
     (tmp_path / "run.001.mcap").write_bytes(b"no log at all")
     with pytest.raises(BadLog, match=r"run\.001\.mcap: not an MCAP file"):
         list(LogTail(tmp_path).poll())

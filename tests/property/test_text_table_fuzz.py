@@ -28,9 +28,9 @@ def fuzz() -> ModuleType:
 def test_no_number_is_read_wrong(fuzz: ModuleType) -> None:
     counts = Counter[str]()
     for seed in range(TABLES):
-        said, table = fuzz.verdict(seed)
-        counts[said] += 1
-        assert said != "wrong", (seed, table)
+        printed, table = fuzz.verdict(seed)
+        counts[printed] += 1
+        assert printed != "wrong", (seed, table)
     # Neither is everything refused.
     assert counts["right"] > TABLES / 2
 

@@ -55,13 +55,13 @@ def _resolved(header: Header | None) -> None:
     if header is None:
         return
     for profile in PROFILES:
-        height_px, said = 1, "a.tif"
+        height_px, printed = 1, "a.tif"
         try:
             height_px = fill_missing("a.tif", header, 64, 48, profile).height_px
         except BadInput as refusal:
-            said = str(refusal)
+            printed = str(refusal)
         assert 1 <= height_px <= 48
-        assert "a.tif" in said
+        assert "a.tif" in printed
 
 
 @settings(max_examples=150)

@@ -115,9 +115,9 @@ def instrument(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
             config["dic"] = {"subset_px": 31, "step_px": 8, "roi_px": None}
             config["estimate"] = {"accept_poor_calibration": True}  # three pairs on a small frame determine no distortion
             config["protocol"]["load_tolerance_n"] = 20.0
-            one = Instrument(folder, bench, json.loads(json.dumps(config)))
-            one.unload()
-            return one
+            item = Instrument(folder, bench, json.loads(json.dumps(config)))
+            item.unload()
+            return item
 
         yield make
 
@@ -142,9 +142,9 @@ class Watched:
         """Wait until the messages fulfil a condition, which is tested after every message."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
-            for one in self._tail.poll() if self.log.is_dir() else ():
-                if one.topic in ("/state", "/pair", "/sem/scan", "/motion"):
-                    self.messages.setdefault(one.topic, []).append(json.loads(one.payload))
+            for item in self._tail.poll() if self.log.is_dir() else ():
+                if item.topic in ("/state", "/pair", "/sem/scan", "/motion"):
+                    self.messages.setdefault(item.topic, []).append(json.loads(item.payload))
                     if true(self.messages):
                         return
             assert process.poll() is None, process.communicate()

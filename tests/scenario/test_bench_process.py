@@ -72,18 +72,18 @@ def ended(process: subprocess.Popen[bytes], how: int | None) -> tuple[int, str, 
 
 def test_a_run_leaves_frames_and_truth_that_agree(tmp_path: Path) -> None:
     process = start(tmp_path)
-    said = ready(tmp_path)
-    assert said["host"] == "127.0.0.1"
-    assert said["pixel_size_m"] == 1.25e-6
-    assert (said["mode"], said["scenario"]) == ("continuous", "small")
-    assert said["experiment"]["protocol"]["hold_s"] == 30
-    clock = decode_clock(Path(said["clock_file"]).read_bytes())
+    printed = ready(tmp_path)
+    assert printed["host"] == "127.0.0.1"
+    assert printed["pixel_size_m"] == 1.25e-6
+    assert (printed["mode"], printed["scenario"]) == ("continuous", "small")
+    assert printed["experiment"]["protocol"]["hold_s"] == 30
+    clock = decode_clock(Path(printed["clock_file"]).read_bytes())
     assert clock.rate == 20.0
     assert abs(clock.time_ns(time.monotonic_ns()) - time.time_ns()) < 600e9
-    client = ModbusTcpClient(said["host"], port=said["port"], timeout=20, retries=0)
+    client = ModbusTcpClient(printed["host"], port=printed["port"], timeout=20, retries=0)
     assert client.connect()
-    client.write_registers(0, [*f32(600.0), *f32(100.0), 1, 1, 0, 0], device_id=said["unit"])
-    client.write_registers(100, [*f32(25.0), *f32(0.0), 1, 1], device_id=said["unit"])
+    client.write_registers(0, [*f32(600.0), *f32(100.0), 1, 1, 0, 0], device_id=printed["unit"])
+    client.write_registers(100, [*f32(25.0), *f32(0.0), 1, 1], device_id=printed["unit"])
     wait_for(lambda: len(truth(tmp_path)["frames"]) >= 5 and rested(tmp_path) is not None)
     client.close()
     code, out, _ = ended(process, signal.SIGTERM)
@@ -91,7 +91,7 @@ def test_a_run_leaves_frames_and_truth_that_agree(tmp_path: Path) -> None:
     whole = truth(tmp_path)
     names = [frame["file"] for frame in whole["frames"]]
     assert names == [f"x200_{number:04d}.tif" for number in range(1, len(names) + 1)]
-    assert sorted(path.name for path in Path(said["export_folder"]).glob("*")) == names
+    assert sorted(path.name for path in Path(printed["export_folder"]).glob("*")) == names
     last = whole["frames"][-1]
     assert not last["moving"]
     assert last["load_mean_n"] == pytest.approx(599, abs=3)
@@ -106,7 +106,7 @@ def test_a_run_leaves_frames_and_truth_that_agree(tmp_path: Path) -> None:
     assert drift["time_ns"][-1] >= starts[-1] + 6_630_000_000
     assert np.array(whole["distortion"]["ex_px"]).shape == (len(whole["distortion"]["y_px"]), len(whole["distortion"]["x_px"]))
     assert whole["distortion"]["x_px"][-1] == 255
-    for frame, path in zip(whole["frames"], sorted(Path(said["export_folder"]).glob("*.tif")), strict=True):
+    for frame, path in zip(whole["frames"], sorted(Path(printed["export_folder"]).glob("*.tif")), strict=True):
         assert tifffile.imread(path).shape == (251, 256)
         end_ns = frame["start_time_ns"] + 6_630_000_000
         assert 1.9e9 < path.stat().st_mtime_ns - end_ns < 2.1e9
@@ -114,11 +114,11 @@ def test_a_run_leaves_frames_and_truth_that_agree(tmp_path: Path) -> None:
 
 def test_the_truth_alone_reproduces_a_frame(tmp_path: Path) -> None:
     process = start(tmp_path)
-    said = ready(tmp_path)
-    client = ModbusTcpClient(said["host"], port=said["port"], timeout=20, retries=0)
+    printed = ready(tmp_path)
+    client = ModbusTcpClient(printed["host"], port=printed["port"], timeout=20, retries=0)
     assert client.connect()
-    client.write_registers(0, [*f32(1500.0), *f32(100.0), 1, 1, 0, 0], device_id=said["unit"])
-    client.write_registers(100, [*f32(-30.0), *f32(17.0), 1, 1], device_id=said["unit"])
+    client.write_registers(0, [*f32(1500.0), *f32(100.0), 1, 1, 0, 0], device_id=printed["unit"])
+    client.write_registers(100, [*f32(-30.0), *f32(17.0), 1, 1], device_id=printed["unit"])
     wait_for(lambda: rested(tmp_path) is not None)
     client.close()
     assert ended(process, signal.SIGTERM)[0] == 0
@@ -130,7 +130,7 @@ def test_the_truth_alone_reproduces_a_frame(tmp_path: Path) -> None:
     scenario = load_scenario(str(tmp_path / "small.yaml"))
     begin_s = (frame["start_time_ns"] - whole["start_time_ns"]) * 1e-9
     rendered = render_frame(scenario, begin_s, at_rest(frame["stage_px"], frame["gradient"]), frame=number)
-    exported = tifffile.imread(Path(said["export_folder"]) / frame["file"])[:221]
+    exported = tifffile.imread(Path(printed["export_folder"]) / frame["file"])[:221]
     difference = np.abs(rendered.astype(int) - exported.astype(int))
     # Relaxation within the frame, below 1 N, moves the picture by up to 0.002 px: a grey level here and there.
     assert difference.max() <= 1
@@ -153,15 +153,15 @@ def test_the_same_seed_scans_the_same_pixels(tmp_path: Path) -> None:
 
 def test_serial_lines_are_announced_and_speak_of_the_same_machine(tmp_path: Path) -> None:
     process = start(tmp_path, "--rtu", "--serial")
-    said = ready(tmp_path)
-    client = ModbusSerialClient(said["rtu_port"], baudrate=19_200, timeout=20, retries=0)
+    printed = ready(tmp_path)
+    client = ModbusSerialClient(printed["rtu_port"], baudrate=19_200, timeout=20, retries=0)
     assert client.connect()
-    assert client.read_input_registers(0, count=2, device_id=said["unit"]).registers == [0x5E31, 1]
-    with open(said["serial_port"], "r+b", buffering=0) as line:
+    assert client.read_input_registers(0, count=2, device_id=printed["unit"]).registers == [0x5E31, 1]
+    with open(printed["serial_port"], "r+b", buffering=0) as line:
         line.write(b"u")
-        wait_for(lambda: client.read_input_registers(3, count=1, device_id=said["unit"]).registers == [1])
+        wait_for(lambda: client.read_input_registers(3, count=1, device_id=printed["unit"]).registers == [1])
         line.write(b"s")
-        wait_for(lambda: client.read_input_registers(3, count=1, device_id=said["unit"]).registers == [0])
+        wait_for(lambda: client.read_input_registers(3, count=1, device_id=printed["unit"]).registers == [0])
     client.close()
     code, _, err = ended(process, signal.SIGTERM)
     assert (code, err) == (0, "")
@@ -169,10 +169,10 @@ def test_serial_lines_are_announced_and_speak_of_the_same_machine(tmp_path: Path
 
 def test_it_chooses_a_rate_and_the_end_of_standard_input_ends_it(tmp_path: Path) -> None:
     process = start(tmp_path, "--rate", "auto", "--exit-with-stdin", stdin=subprocess.PIPE)
-    said = ready(tmp_path)
-    assert said["rate"] == decode_clock(Path(said["clock_file"]).read_bytes()).rate
-    assert 0 < said["rate"] <= 40
-    assert said["shifts_by"] == "stage"
+    printed = ready(tmp_path)
+    assert printed["rate"] == decode_clock(Path(printed["clock_file"]).read_bytes()).rate
+    assert 0 < printed["rate"] <= 40
+    assert printed["shifts_by"] == "stage"
     time.sleep(0.2)
     assert process.poll() is None
     code, _, err = ended(process, None)  # communicate closes its input
@@ -194,7 +194,7 @@ def test_a_file_is_half_written_for_a_moment(tmp_path: Path) -> None:
 
     wait_for(caught)
     assert ended(process, signal.SIGTERM)[0] == 0
-    assert all(seen == sorted(seen) for seen in sizes.values())
+    assert all(observed == sorted(observed) for observed in sizes.values())
     for frame in truth(tmp_path)["frames"][:-1]:
         assert max(sizes[frame["file"]]) <= (folder / frame["file"]).stat().st_size
 
@@ -204,7 +204,7 @@ def test_renaming_shows_the_final_name_only_when_whole(tmp_path: Path) -> None:
     scenario.write_text(SMALL.replace("export: {", "export: {style: rename, "))
     process = start(tmp_path, "--scenario", str(scenario))
     folder = tmp_path / "out" / "export"
-    seen: set[str] = set()
+    observed: set[str] = set()
     sizes: dict[str, set[int]] = {}
 
     def complete() -> bool:
@@ -212,18 +212,18 @@ def test_renaming_shows_the_final_name_only_when_whole(tmp_path: Path) -> None:
         for path in folder.glob("*"):
             with contextlib.suppress(FileNotFoundError):  # renamed since
                 size = path.stat().st_size
-                seen.add(path.suffix)
+                observed.add(path.suffix)
                 if path.suffix == ".tif":
                     sizes.setdefault(path.name, set()).add(size)
-        return {".tmp", ".tif"} <= seen
+        return {".tmp", ".tif"} <= observed
 
     wait_for(complete)
     assert ended(process, signal.SIGTERM)[0] == 0
-    assert seen == {".tmp", ".tif"}
+    assert observed == {".tmp", ".tif"}
     assert {name: {(folder / name).stat().st_size} for name in sizes} == sizes
 
 
-def test_a_stalled_process_stretches_the_clock_and_says_so(tmp_path: Path) -> None:
+def test_a_stalled_process_stretches_the_clock_and_reports_so(tmp_path: Path) -> None:
     process = start(tmp_path)
     clock_file = tmp_path / "out" / "clock.json"
     process.send_signal(signal.SIGSTOP)

@@ -48,10 +48,10 @@ class Steered:
         return [json.loads(message.payload) for message in messages(self.one.log) if message.topic == topic] if there else []
 
     def reach(self, state: str, times: int = 1) -> None:
-        self.wait_until(lambda: sum(told["after"] == state for told in self.logged("/state")) >= times)
+        self.wait_until(lambda: sum(reported["after"] == state for reported in self.logged("/state")) >= times)
 
     def words(self, kind: str) -> list[dict[str, Any]]:
-        return [told["args"] for told in self.logged("/operator") if told["what"] == kind]
+        return [reported["args"] for reported in self.logged("/operator") if reported["what"] == kind]
 
 
 @pytest.fixture(scope="module")
@@ -82,16 +82,16 @@ def test_nobody_is_heard_without_the_token(steered: Steered) -> None:
     steered.wait_until(lambda: len(steered.words("asked")) == 1)
     for token in ("", "a", steered.address["token"][:-1], steered.address["token"] + "a"):
         assert steered.ask(token=token, say=OperatorCommand.ABORT).heard is RequestStatus.UNAUTHORISED
-    told = {"token": "", "question": "terminal.1", "answer": "100"}
-    assert Reply.model_validate_json(send(steered, json.dumps(told).encode() + b"\n")).heard is RequestStatus.UNAUTHORISED
+    reported = {"token": "", "question": "terminal.1", "answer": "100"}
+    assert Reply.model_validate_json(send(steered, json.dumps(reported).encode() + b"\n")).heard is RequestStatus.UNAUTHORISED
     assert steered.logged("/state")[-1]["after"] == "ramping"
-    assert {told["what"] for told in steered.logged("/operator")} == {"start", "asked"}
+    assert {reported["what"] for reported in steered.logged("/operator")} == {"start", "asked"}
 
 
 @pytest.mark.parametrize(
     "line", [b"\n", b"stop\n", b'{"say": "stop"}\n', b"[" * 3000 + b"\n", b'{"token": "%s", "say": "jump"}\n', b"\xff\xfe\n"]
 )
-def test_what_is_no_request_is_told_so(steered: Steered, line: bytes) -> None:
+def test_what_is_no_request_is_rejected(steered: Steered, line: bytes) -> None:
     line = line.replace(b"%s", steered.address["token"].encode())
     assert Reply.model_validate_json(send(steered, line)).heard is RequestStatus.NO_REQUEST
 
@@ -129,7 +129,7 @@ def test_a_run_is_paused_resumed_and_stopped_from_elsewhere(steered: Steered) ->
     last = steered.logged("/state")[-1]
     assert (last["after"], last["before"]) == ("aborted", "stopping")
     assert steered.words("taken_back")[-1]["question"] == "terminal.2"
-    said = {told["what"]: told["args"] for told in steered.logged("/operator") if told["what"] in list(OperatorCommand)}
-    assert said == {"start": {}, "pause": {"by": "page"}, "resume": {"by": "page"}, "stop": {"by": "page"}}
+    printed = {reported["what"]: reported["args"] for reported in steered.logged("/operator") if reported["what"] in list(OperatorCommand)}
+    assert printed == {"start": {}, "pause": {"by": "page"}, "resume": {"by": "page"}, "stop": {"by": "page"}}
     with pytest.raises(ConnectionRefusedError):
         steered.ask(say=OperatorCommand.ABORT)

@@ -19,7 +19,7 @@ EMERGENCY_STOP, LIMIT_SWITCH, FRACTURE = 101, 102, 104
 
 
 def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    return [json.loads(one.payload) for one in messages(log) if one.topic == topic] if list(log.glob("*.mcap*")) else []
+    return [json.loads(item.payload) for item in messages(log) if item.topic == topic] if list(log.glob("*.mcap*")) else []
 
 
 def order(bench: dict[str, Any], mishap: int) -> None:
@@ -54,22 +54,22 @@ def free(bench: dict[str, Any]) -> bool:
 def test_a_machine_that_fails_in_the_hold_is_stopped_and_loads_nothing_more(
     instrument: Callable[..., Any], wait_until: Callable[..., None], mishap: int, state: str, words: str
 ) -> None:
-    one = instrument(f"mishap-{mishap}")
-    one.config["protocol"].update(calibration_shifts_px=[], loads_n=[300.0, 350.0], ramp_rate_n_s=50.0, hold_s=1200.0)
-    one.config["limits"].update(force_step_max_n=1000.0, force_rate_max_n_s=60.0, force_drop_max_n=120.0)
-    process = one.start()
-    wait_until(lambda: any(step["after"] == "holding" for step in logged(one.log, "/state")))
-    order(one.bench, mishap)
+    item = instrument(f"mishap-{mishap}")
+    item.config["protocol"].update(calibration_shifts_px=[], loads_n=[300.0, 350.0], ramp_rate_n_s=50.0, hold_s=1200.0)
+    item.config["limits"].update(force_step_max_n=1000.0, force_rate_max_n_s=60.0, force_drop_max_n=120.0)
+    process = item.start()
+    wait_until(lambda: any(step["after"] == "holding" for step in logged(item.log, "/state")))
+    order(item.bench, mishap)
     out, err = process.communicate(timeout=200)
     assert process.returncode == 1, out + err
     assert words in " ".join((out + err).split())
-    states, commands = logged(one.log, "/state"), logged(one.log, "/command")
+    states, commands = logged(item.log, "/state"), logged(item.log, "/command")
     at = next(step for step in states if step["after"] == state)
     assert at["before"] in ("holding", "settling")
     assert all(command["what"] == "stop" for command in commands if command["time_ns"] >= at["time_ns"])
     assert any(command["what"] == "stop" for command in commands)
-    alarms = reduce(after_message, messages(one.log), Alarms()).open
+    alarms = reduce(after_message, messages(item.log), Alarms()).open
     assert any(words in alarm.text and alarm.code for alarm in alarms), alarms
     time.sleep(0.3)
-    assert one.load_frame_status() != 1
-    wait_until(lambda: free(one.bench))
+    assert item.load_frame_status() != 1
+    wait_until(lambda: free(item.bench))

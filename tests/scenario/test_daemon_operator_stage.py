@@ -64,18 +64,18 @@ class Attended:
 
 def by_hand(instrument: Callable[..., Any], name: str) -> Any:
     """An instrument whose stage is moved by hand."""
-    one = instrument(name)
-    one.config["stage"] = {"driver": "operator", "poll_s": 0.05, "settings": {"um_per_px": UM_PER_PX}}
-    one.config["protocol"].update(calibration_shifts_px=[[0, 0], [SHIFT_PX, 0]], loads_n=[])
-    return one
+    item = instrument(name)
+    item.config["stage"] = {"driver": "operator", "poll_s": 0.05, "settings": {"um_per_px": UM_PER_PX}}
+    item.config["protocol"].update(calibration_shifts_px=[[0, 0], [SHIFT_PX, 0]], loads_n=[])
+    return item
 
 
 @pytest.fixture(scope="module")
 def attended(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> Attended:
-    one = by_hand(instrument, "attended")
-    command = [sys.executable, "-m", "semlive", "run", str(one.write_config()), "--no-page", "--attended", "--stop-on-fault"]
-    hand = Hand(one.bench)
-    with (one.folder / "said").open("w+", encoding="utf-8") as errors:
+    item = by_hand(instrument, "attended")
+    command = [sys.executable, "-m", "semlive", "run", str(item.write_config()), "--no-page", "--attended", "--stop-on-fault"]
+    hand = Hand(item.bench)
+    with (item.folder / "said").open("w+", encoding="utf-8") as errors:
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True)
         assert process.stdin is not None
         assert process.stdout is not None
@@ -88,7 +88,7 @@ def attended(instrument: Callable[..., Any], wait_until: Callable[..., None]) ->
         errors.seek(0)
         said = rest + errors.read()
     hand.close()
-    return Attended(one.log, question, asked_for_s, process.returncode, said)
+    return Attended(item.log, question, asked_for_s, process.returncode, said)
 
 
 def test_the_operator_is_asked_once_and_the_run_completes(attended: Attended) -> None:
@@ -99,17 +99,17 @@ def test_the_operator_is_asked_once_and_the_run_completes(attended: Attended) ->
 
 
 def test_the_log_shows_what_was_asked_and_that_nothing_was_believed_before_enter(attended: Attended) -> None:
-    (asked,) = [command for command in attended.logged("/command") if command["what"] == "move_stage"]
-    assert asked["args"] == {"x_um": SHIFT_PX * UM_PER_PX, "y_um": 0.0, "moves": "specimen"}
+    (requests,) = [command for command in attended.logged("/command") if command["what"] == "move_stage"]
+    assert requests["args"] == {"x_um": SHIFT_PX * UM_PER_PX, "y_um": 0.0, "moves": "specimen"}
     assert any(line["text"].startswith("step 2 of 2: calibration, shift (30, 0) um") for line in attended.logged("/log"))
-    samples = [sample for sample in attended.logged("/stage/sample") if sample["time_ns"] > asked["time_ns"]]
+    samples = [sample for sample in attended.logged("/stage/sample") if sample["time_ns"] > requests["time_ns"]]
     moving = [sample for sample in samples if sample["motion"] == "moving"]
     confirmed = next(sample for sample in samples if sample["motion"] == "stopped" and sample["x_um"] != 0.0)
     assert moving
     assert {sample["x_um"] for sample in moving} == {0.0}
     assert confirmed["x_um"] == SHIFT_PX * UM_PER_PX
     rate = attended.logged("/clock")[0]["rate"]
-    assert confirmed["time_ns"] - asked["time_ns"] >= 0.9 * attended.asked_for_s * rate * 1e9
+    assert confirmed["time_ns"] - requests["time_ns"] >= 0.9 * attended.asked_for_s * rate * 1e9
     arrived = next(state for state in attended.logged("/state") if state["cause"] == "arrived" and state["step"] == 1)
     assert arrived["time_ns"] >= confirmed["time_ns"]
 
@@ -125,8 +125,8 @@ def test_both_pairs_are_there_and_the_second_saw_the_move(attended: Attended) ->
 
 
 def test_words_that_steer_the_run_answer_no_question(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
-    one = by_hand(instrument, "steered")
-    command = [sys.executable, "-m", "semlive", "run", str(one.write_config()), "--no-page", "--attended"]
+    item = by_hand(instrument, "steered")
+    command = [sys.executable, "-m", "semlive", "run", str(item.write_config()), "--no-page", "--attended"]
     ours, theirs = pty.openpty()
     process = subprocess.Popen(command, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     os.close(theirs)
@@ -134,7 +134,7 @@ def test_words_that_steer_the_run_answer_no_question(instrument: Callable[..., A
     assert "press enter" in process.stdout.readline()
 
     def states() -> list[str]:
-        return [json.loads(message.payload)["after"] for message in messages(one.log) if message.topic == "/state"]
+        return [json.loads(message.payload)["after"] for message in messages(item.log) if message.topic == "/state"]
 
     os.write(ours, b"pause\n")
     wait_until(lambda: states()[-1] == "paused")
@@ -145,13 +145,13 @@ def test_words_that_steer_the_run_answer_no_question(instrument: Callable[..., A
     os.close(ours)
     assert process.returncode == 1
     assert states()[-1] == "aborted"
-    samples = [json.loads(message.payload) for message in messages(one.log) if message.topic == "/stage/sample"]
+    samples = [json.loads(message.payload) for message in messages(item.log) if message.topic == "/stage/sample"]
     assert {sample["x_um"] for sample in samples} == {0.0}  # nobody said that it had been moved
 
 
 def test_a_run_with_a_hand_needs_somebody_there(instrument: Callable[..., Any]) -> None:
-    one = by_hand(instrument, "unattended")
-    code, said = one.run()
+    item = by_hand(instrument, "unattended")
+    code, said = item.run()
     assert code == 2, said
     assert "stage moved by hand: is a real machine" in " ".join(said.split())
     assert "--attended" in said

@@ -35,7 +35,7 @@ class Group:
         (self.folder / "cgroup.procs").write_text(str(pid))
 
     def kills(self) -> int:
-        lines = (one.split() for one in (self.folder / self.killed).read_text().splitlines())
+        lines = (item.split() for item in (self.folder / self.killed).read_text().splitlines())
         return next(int(count) for name, count in lines if name == "oom_kill")
 
 
@@ -65,15 +65,15 @@ def kernel_peer() -> Iterator[Group]:
 def logged(log: Path, topic: str) -> list[dict[str, Any]]:
     """Messages of a topic so far; none before the run has its first segment."""
     started = log.is_dir() and any(log.iterdir())
-    return [json.loads(one.payload) for one in messages(log) if one.topic == topic] if started else []
+    return [json.loads(item.payload) for item in messages(log) if item.topic == topic] if started else []
 
 
 def test_linux_ends_the_analysis_first_and_the_run_loses_nothing(
     instrument: Callable[..., Any], wait_until: Callable[..., None], kernel_peer: Group
 ) -> None:
-    one = instrument("out-of-memory")
-    process = one.start()
-    wait_until(lambda: len(logged(one.log, "/pair")) == 2)
+    item = instrument("out-of-memory")
+    process = item.start()
+    wait_until(lambda: len(logged(item.log, "/pair")) == 2)
     (analysis,) = (int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
     kernel_peer.allow(ROOM_BYTES)
     for pid in (process.pid, analysis):
@@ -83,9 +83,9 @@ def test_linux_ends_the_analysis_first_and_the_run_loses_nothing(
     out, err = process.communicate(timeout=200)
     assert process.returncode == 0, out + err
     assert f"died (exit code -{int(signal.SIGKILL)})" in " ".join((out + err).split()), out + err
-    (result,) = logged(one.log, "/result")
+    (result,) = logged(item.log, "/result")
     assert result["pairs"] == 5
-    maps = [(told["reference"], told["current"]) for told in logged(one.log, "/dic/summary")]
+    maps = [(reported["reference"], reported["current"]) for reported in logged(item.log, "/dic/summary")]
     assert len(maps) == len(set(maps)) == 13
 
 
@@ -94,16 +94,16 @@ def test_an_analysis_that_is_refused_memory_does_not_hang(instrument: Callable[.
 
     Without that thread it goes on with the memory that it has, or dies and is replaced.
     """
-    one = instrument("refused-memory")
-    process = one.start()
-    wait_until(lambda: len(logged(one.log, "/pair")) == 2)
+    item = instrument("refused-memory")
+    process = item.start()
+    wait_until(lambda: len(logged(item.log, "/pair")) == 2)
     (analysis,) = (int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
     lines = Path(f"/proc/{analysis}/status").read_text().splitlines()
     size = next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmSize:"))
     resource.prlimit(analysis, resource.RLIMIT_AS, (size // 2, size // 2))  # nothing more, also of what it gave back
     out, err = process.communicate(timeout=200)
     assert process.returncode == 0, out + err
-    (result,) = logged(one.log, "/result")
+    (result,) = logged(item.log, "/result")
     assert result["pairs"] == 5
-    maps = [(told["reference"], told["current"]) for told in logged(one.log, "/dic/summary")]
+    maps = [(reported["reference"], reported["current"]) for reported in logged(item.log, "/dic/summary")]
     assert len(maps) == len(set(maps)) == 13

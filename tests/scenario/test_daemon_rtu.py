@@ -32,7 +32,7 @@ experiment:
 
 
 def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    return [json.loads(one.payload) for one in messages(log) if one.topic == topic]
+    return [json.loads(item.payload) for item in messages(log) if item.topic == topic]
 
 
 class Webhook(BaseHTTPRequestHandler):
@@ -62,7 +62,7 @@ def test_a_run_from_begin_to_end_with_two_units_on_one_line(tmp_path: Path, webh
     (tmp_path / "small.yaml").write_text(SCENARIO, encoding="utf-8")
     with running_simulator(str(tmp_path / "small.yaml"), tmp_path / "bench", RATE, rtu=True) as bench:
         config = daemon_config(bench, RATE)
-        links = [config[one]["settings"] for one in ("load_frame", "stage")]
+        links = [config[item]["settings"] for item in ("load_frame", "stage")]
         assert [(link["serial"]["port"], link["unit"]) for link in links] == [(bench["rtu_port"], 1), (bench["rtu_port"], 7)]
         config["dic"] = {"subset_px": 31, "step_px": 8, "roi_px": None}
         config["estimate"] = {"accept_poor_calibration": True}
@@ -75,7 +75,7 @@ def test_a_run_from_begin_to_end_with_two_units_on_one_line(tmp_path: Path, webh
     assert done.returncode == 0, done.stderr
     assert webhook.titles == ["demo: complete"]
     log = tmp_path / "log" / "demo"
-    assert [one["pair"] for one in logged(log, "/pair")] == [0, 1]
-    assert [one["what"] for one in logged(log, "/command")].count("move_stage") == 2
+    assert [item["pair"] for item in logged(log, "/pair")] == [0, 1]
+    assert [item["what"] for item in logged(log, "/command")].count("move_stage") == 2
     assert logged(log, "/pair")[1]["loads"][0]["mean_n"] == pytest.approx(100, abs=20)
-    assert not [one["what"] for one in logged(log, "/fault") if "did not confirm" in one["what"]]
+    assert not [item["what"] for item in logged(log, "/fault") if "did not confirm" in item["what"]]

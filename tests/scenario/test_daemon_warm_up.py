@@ -61,62 +61,62 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    return [json.loads(one.payload) for one in messages(log) if one.topic == topic]
+    return [json.loads(item.payload) for item in messages(log) if item.topic == topic]
 
 
 def longest_silence_s(log: Path, from_ns: int, to_ns: int) -> float:
     """Between two instants, how long nothing at all was written; a few readings a second of experiment time are."""
-    times_ns = [one.log_time_ns for one in messages(log) if from_ns <= one.log_time_ns <= to_ns]
+    times_ns = [item.log_time_ns for item in messages(log) if from_ns <= item.log_time_ns <= to_ns]
     return max(after - before for before, after in itertools.pairwise([from_ns, *times_ns, to_ns])) / 1e9
 
 
 def test_it_measures_until_the_drift_is_expected_to_be_slow_and_only_then_loads(log: Path) -> None:
     pairs, states = logged(log, "/pair"), logged(log, "/state")
-    extra = [one for one in pairs if one["step"]["warm_up"]]
+    extra = [item for item in pairs if item["step"]["warm_up"]]
     assert len(extra) >= 1
-    assert [one["pair"] for one in pairs] == list(range(2 + len(extra)))
-    assert [one["step"]["load_n"] for one in pairs] == [None] * (1 + len(extra)) + [100.0]
-    asked = [one for one in states if one["before"] == "warming"]
-    assert [one["cause"] for one in asked] == ["measure_again"] * len(extra) + ["warm"]
-    for one in asked:
-        upper = one["guards"]["rate_px_s"] + one["guards"]["sigma_px_s"]
-        assert (upper <= LIMIT_PX_S) == (one["cause"] == "warm")
-    (ramp,) = [one["time_ns"] for one in logged(log, "/command") if one["what"] == "ramp_to"]
-    assert ramp >= asked[-1]["time_ns"]
-    assert asked[-1]["guards"]["rate_px_s"] < 0.7 * asked[0]["guards"]["rate_px_s"]
+    assert [item["pair"] for item in pairs] == list(range(2 + len(extra)))
+    assert [item["step"]["load_n"] for item in pairs] == [None] * (1 + len(extra)) + [100.0]
+    requests = [item for item in states if item["before"] == "warming"]
+    assert [item["cause"] for item in requests] == ["measure_again"] * len(extra) + ["warm"]
+    for item in requests:
+        upper = item["guards"]["rate_px_s"] + item["guards"]["sigma_px_s"]
+        assert (upper <= LIMIT_PX_S) == (item["cause"] == "warm")
+    (ramp,) = [item["time_ns"] for item in logged(log, "/command") if item["what"] == "ramp_to"]
+    assert ramp >= requests[-1]["time_ns"]
+    assert requests[-1]["guards"]["rate_px_s"] < 0.7 * requests[0]["guards"]["rate_px_s"]
 
 
 def test_frames_scanned_in_a_hold_tell_its_drift(log: Path) -> None:
-    seen = [one for one in logged(log, "/drift/hold")]
-    scans = {one["export"]: one for one in logged(log, "/sem/scan")}
-    paired = {one[member]["export"] for one in logged(log, "/pair") for member in ("first", "second")}
-    assert len(seen) > len(logged(log, "/pair"))
-    at_rest = [(one["time_ns"], one["after"] in ("holding", "imaging")) for one in logged(log, "/state")]
-    for one in seen:
-        assert not {one["before"], one["after"]} <= paired
-        before, after = scans[one["before"]], scans[one["after"]]
-        assert one["begin_time_ns"] == before["start_time_ns"]["value"] < after["start_time_ns"]["value"] < one["end_time_ns"]
-        rest = [rests for time_ns, rests in at_rest if time_ns <= one["begin_time_ns"]][-1:]
-        assert all(rest + [rests for time_ns, rests in at_rest if one["begin_time_ns"] < time_ns < one["end_time_ns"]])
+    observed = [item for item in logged(log, "/drift/hold")]
+    scans = {item["export"]: item for item in logged(log, "/sem/scan")}
+    paired = {item[member]["export"] for item in logged(log, "/pair") for member in ("first", "second")}
+    assert len(observed) > len(logged(log, "/pair"))
+    at_rest = [(item["time_ns"], item["after"] in ("holding", "imaging")) for item in logged(log, "/state")]
+    for item in observed:
+        assert not {item["before"], item["after"]} <= paired
+        before, after = scans[item["before"]], scans[item["after"]]
+        assert item["begin_time_ns"] == before["start_time_ns"]["value"] < after["start_time_ns"]["value"] < item["end_time_ns"]
+        rest = [rests for time_ns, rests in at_rest if time_ns <= item["begin_time_ns"]][-1:]
+        assert all(rest + [rests for time_ns, rests in at_rest if item["begin_time_ns"] < time_ns < item["end_time_ns"]])
     # What the pairs say of the same drift when all is known; before the first pair they say nothing, and how many frames begin there is
     # the scan's matter.
     drift = replay(ReplayRequest(log)).result.estimate.drift
     rate = CubicHermiteSpline(drift.time_s, drift.drift_px, drift.rate_px_s).derivative()
     zero_ns = logged(log, "/pair")[0]["first"]["start_time_ns"]["value"]
-    middles_s = [(0.5 * (one["begin_time_ns"] + one["end_time_ns"]) - zero_ns) / 1e9 for one in seen]
-    spanned = [(one, at_s) for one, at_s in zip(seen, middles_s, strict=True) if drift.time_s[0] <= at_s <= drift.time_s[-1]]
+    middles_s = [(0.5 * (item["begin_time_ns"] + item["end_time_ns"]) - zero_ns) / 1e9 for item in observed]
+    spanned = [(item, at_s) for item, at_s in zip(observed, middles_s, strict=True) if drift.time_s[0] <= at_s <= drift.time_s[-1]]
     assert len(spanned) >= 2
-    for one, at_s in spanned:
-        assert one["rate_px_s"] == pytest.approx(list(rate(at_s)), rel=0.15, abs=0.004), at_s
+    for item, at_s in spanned:
+        assert item["rate_px_s"] == pytest.approx(list(rate(at_s)), rel=0.15, abs=0.004), at_s
 
 
 def test_holds_are_never_shorter_than_they_must_be_nor_longer_than_they_may(log: Path) -> None:
-    held = [(one["guards"]["held_s"], one["time_ns"]) for one in logged(log, "/state") if one["cause"] == "hold_over"]
+    held = [(item["guards"]["held_s"], item["time_ns"]) for item in logged(log, "/state") if item["cause"] == "hold_over"]
     assert held
     for held_s, over_ns in held:
         # The loop turns twenty times a second, which at this rate is once a second of experiment time; on a busy computer it may
         # have stood still, and then nothing was written either.
         assert 30.0 <= held_s <= 64.0 + longest_silence_s(log, over_ns - round(held_s * 1e9), over_ns), held
     for pair in logged(log, "/pair"):
-        over = next(one["time_ns"] for one in logged(log, "/state") if one["cause"] == "hold_over" and one["step"] == pair["pair"])
+        over = next(item["time_ns"] for item in logged(log, "/state") if item["cause"] == "hold_over" and item["step"] == pair["pair"])
         assert pair["first"]["start_time_ns"]["value"] >= over - 2e9

@@ -92,15 +92,15 @@ def test_a_slow_share_shows_every_stage_of_a_file(tmp_path: Path) -> None:
         """Files that were seen at every fifth of their size."""
         whole = max((look.size for look in looks), default=0)
         # A look may also fall into a write, which the kernel does page by page.
-        wanted = {round(part * whole / 5) for part in range(1, 6)}
-        return [name for name in names(looks) if whole and wanted <= set(sizes(looks, name))]
+        required = {round(part * whole / 5) for part in range(1, 6)}
+        return [name for name in names(looks) if whole and required <= set(sizes(looks, name))]
 
     looks, _, _ = watched(tmp_path, small(delay_s=0.1, duration_s=8.0, chunks=5), 1, caught=stages)
     name = stages(looks)[0]
-    seen = sizes(looks, name)
-    assert seen == sorted(seen)
-    assert seen[-1] == (tmp_path / name).stat().st_size
-    times = [look.time_s for look in looks if look.name == name and look.size < max(seen)]
+    observed = sizes(looks, name)
+    assert observed == sorted(observed)
+    assert observed[-1] == (tmp_path / name).stat().st_size
+    times = [look.time_s for look in looks if look.name == name and look.size < max(observed)]
     assert times[-1] - times[0] > 4.0
 
 
@@ -162,11 +162,11 @@ def test_a_counter_that_begins_again_overwrites(tmp_path: Path) -> None:
 def test_the_clock_of_the_microscope_is_wrong(tmp_path: Path) -> None:
     _, exported, _ = watched(tmp_path, small(clock_offset_s=-3600.0, delay_s=0.1, duration_s=0.3), 1)
     with tifffile.TiffFile(tmp_path / "x200_0001.tif") as tif:
-        told = tif.fei_metadata
-    assert told is not None
-    said = datetime.strptime(told["PrivateFei"]["TimeOfCreation"], "%d.%m.%Y %H:%M:%S").replace(tzinfo=UTC)
+        reported = tif.fei_metadata
+    assert reported is not None
+    printed = datetime.strptime(reported["PrivateFei"]["TimeOfCreation"], "%d.%m.%Y %H:%M:%S").replace(tzinfo=UTC)
     end_s = exported[0].start_time_ns * 1e-9 + 2.2
-    assert abs(end_s - 3600.0 - said.timestamp()) < 1.01
+    assert abs(end_s - 3600.0 - printed.timestamp()) < 1.01
     assert abs((tmp_path / "x200_0001.tif").stat().st_mtime - end_s) < 1.0  # the share's clock is right
 
 

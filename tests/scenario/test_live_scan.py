@@ -12,9 +12,9 @@ import pytest
 
 from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.stage_step_transient import StageStepTransient
-from semlive_simulators.effects.vibration import Vibration
-from semlive_simulators.effects.wrong_row_time import WrongRowTime
+from semlive_simulators.effects.scan_deflection import Vibration
+from semlive_simulators.effects.scan_timing import WrongRowTime
+from semlive_simulators.effects.specimen_motion import StageStepTransient
 from semlive_simulators.microscope.exposure import row_passes
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.microscope.sem import Exported, Sem
@@ -89,7 +89,7 @@ def test_effects_that_hang_on_moves_and_on_time_see_the_same_live(tmp_path: Path
     assert np.array_equal(first.image, render_frame(scenario, start_s, first.window.motion, first.frame))
 
 
-def test_a_frame_takes_as_long_as_its_rows_do_not_as_the_header_says(tmp_path: Path) -> None:
+def test_a_frame_takes_as_long_as_its_rows_do_not_as_the_header_reports(tmp_path: Path) -> None:
     scenario = replace(small(), effects=EffectSet((WrongRowTime(0.25),)))
     exported, _, _ = live(scenario, tmp_path, frames=2)
     assert exported[0].end_time_ns - exported[0].start_time_ns == 1_500_000_000
@@ -102,14 +102,14 @@ def test_the_work_of_a_frame_is_spread_evenly_over_its_time(kind: str) -> None:
     column = load_scenario("paper_x10000").column()
     column = replace(column, scan=replace(column.scan, **{"integrations": 16, **SCANS[kind]}))
     work = row_passes(column)
-    due_s = np.array([one.end_s for one in work])
-    rows = np.array([one.end_row - one.first_row for one in work])
+    due_s = np.array([item.end_s for item in work])
+    rows = np.array([item.end_row - item.first_row for item in work])
     done = np.cumsum(rows) / rows.sum()
     assert np.all(np.diff(due_s) >= 0)
     band = 57 / 884 if kind == "lines" else 57 / 884 / column.visits  # all visits of a line come before the next line's
     assert np.abs(done - due_s / column.duration_s).max() < band
-    seen = {(row, one.visit) for one in work for row in range(one.first_row, one.end_row)}
-    assert len(seen) == rows.sum() == column.visits * column.scan.height_px
+    observed = {(row, item.visit) for item in work for row in range(item.first_row, item.end_row)}
+    assert len(observed) == rows.sum() == column.visits * column.scan.height_px
 
 
 def test_the_memory_of_motion_reaches_over_a_long_frame() -> None:

@@ -45,7 +45,7 @@ def results() -> Results:
 
 
 def worst(results: Results, case: str, method: str, name: str) -> float:
-    return max(float(np.abs(getattr(one, name)).max()) for one in results[case, method])
+    return max(float(np.abs(getattr(item, name)).max()) for item in results[case, method])
 
 
 def test_without_correction_of_drift_there_is_a_false_strain_of_a_thousandth(results: Results) -> None:

@@ -44,8 +44,8 @@ def pairs(scenario: Scenario) -> Sequence[Pair]:
     made = []
     for number, (phase, shift, load) in enumerate(stops):
         # Load also moves the field of view, as grips do.
-        seen = (shift[0] + 0.0007 * load, shift[1] - 0.0019 * load)
-        first, second = (frame(scenario, 2 * number + m, 60.0 + number * PAIR_S + m * PERIOD_S, seen, load) for m in (0, 1))
+        observed = (shift[0] + 0.0007 * load, shift[1] - 0.0019 * load)
+        first, second = (frame(scenario, 2 * number + m, 60.0 + number * PAIR_S + m * PERIOD_S, observed, load) for m in (0, 1))
         held = FrameLoad(load, load, load, 0.0)
         step = Step(number, phase, shift, shift, load)
         made.append(Pair(PairDecision(number, step, first.info, second.info, (held, held)), first, second))
@@ -56,12 +56,12 @@ def pairs(scenario: Scenario) -> Sequence[Pair]:
 def analysed() -> tuple[RunResult, Scenario]:
     scenario = load_scenario("paper_x200")
     settings = AnalysisSettings(specimen=SpecimenSettings("AL2024-T4", AREA_MM2, "y"))
-    begun = None
+    started = None
     for pair in pairs(scenario):
-        begun, result = pipeline.analyse(settings, begun, pair)
-        assert min(one.valid.mean() for one in result.maps) > 0.999
-    assert begun is not None
-    return pipeline.finalise(begun), scenario
+        started, result = pipeline.analyse(settings, started, pair)
+        assert min(item.valid.mean() for item in result.maps) > 0.999
+    assert started is not None
+    return pipeline.finalise(started), scenario
 
 
 def test_drift_within_each_frame_is_right(analysed: tuple[RunResult, Scenario]) -> None:
@@ -75,8 +75,8 @@ def test_drift_within_each_frame_is_right(analysed: tuple[RunResult, Scenario]) 
 
 
 def test_unloaded_frames_keep_their_strain_at_zero(analysed: tuple[RunResult, Scenario]) -> None:
-    for one in analysed[0].frames[: 2 * len(SHIFTS)]:
-        mean = one.summary.mean
+    for item in analysed[0].frames[: 2 * len(SHIFTS)]:
+        mean = item.summary.mean
         assert max(abs(mean.exx), abs(mean.eyy), abs(mean.exy)) < 3e-5
 
 
@@ -87,47 +87,47 @@ def test_the_elastic_constants_come_out(analysed: tuple[RunResult, Scenario]) ->
     assert elastic.poissons_ratio.value == pytest.approx(NU, abs=0.01)
 
 
-def test_what_was_foreseen_of_its_frames_gives_a_pair_the_same_maps_sooner() -> None:
+def test_what_was_predicted_of_its_frames_gives_a_pair_the_same_maps_sooner() -> None:
     first, second = pairs(load_scenario("paper_x200"))[:2]
-    begun, _ = pipeline.analyse(AnalysisSettings(), None, first)
+    started, _ = pipeline.analyse(AnalysisSettings(), None, first)
     foreseen = {
-        one.info.export: pipeline.precorrelate(begun, one, first=expected)
-        for one, expected in ((second.first, True), (second.second, False))
+        item.info.export: pipeline.precorrelate(started, item, first=expected)
+        for item, expected in ((second.first, True), (second.second, False))
     }
-    assert [one.prepared_reference is None for one in foreseen.values()] == [False, True]
-    plain, sooner = pipeline.correlate(begun, second), pipeline.correlate(begun, second, foreseen)
-    assert [encode_map(one) for one in sooner] == [encode_map(one) for one in plain]
+    assert [item.prepared_reference is None for item in foreseen.values()] == [False, True]
+    plain, sooner = pipeline.correlate(started, second), pipeline.correlate(started, second, foreseen)
+    assert [encode_map(item) for item in sooner] == [encode_map(item) for item in plain]
     astray = {second.first.info.export: foreseen[second.second.info.export]}
-    assert encode_map(pipeline.correlate(begun, second, astray)[1]) != encode_map(plain[1])
+    assert encode_map(pipeline.correlate(started, second, astray)[1]) != encode_map(plain[1])
 
 
 def test_integrated_scans_are_compared_when_the_pair_is_whole() -> None:
     first, second = pairs(load_scenario("paper_x200"))[:2]
-    begun, _ = pipeline.analyse(AnalysisSettings(), None, first)
+    started, _ = pipeline.analyse(AnalysisSettings(), None, first)
     timing = replace(second.first.info.timing, integrations=Sourced(16, Provenance.FILE))
-    known = pipeline.precorrelate(begun, replace(second.first, info=replace(second.first.info, timing=timing)), first=True)
+    known = pipeline.precorrelate(started, replace(second.first, info=replace(second.first.info, timing=timing)), first=True)
     assert known.prepared_reference is not None
     assert known.from_frame_0 is None
 
 
 def test_two_frames_of_a_rest_tell_the_drift_between_them() -> None:
     scenario = load_scenario("paper_x200")
-    one = pairs(scenario)[1]
-    seen = dic.hold_drift(one.first, one.second, DicSettings())
-    start_s = np.array([info.start_time_ns.value / 1e9 for info in (one.first.info, one.second.info)])
+    item = pairs(scenario)[1]
+    observed = dic.hold_drift(item.first, item.second, DicSettings())
+    start_s = np.array([info.start_time_ns.value / 1e9 for info in (item.first.info, item.second.info)])
     rows_s = np.linspace(0.0, 94.67, 200)
     before, after = (scenario.drift.at(begin_s + rows_s).mean(axis=0) for begin_s in start_s)
     true = (after - before) / (start_s[1] - start_s[0])
-    assert max(seen.sigma_px_s) < 1e-4
-    assert np.abs(np.array(seen.rate_px_s) - true).max() < 3 * max(seen.sigma_px_s) + 0.02 * np.abs(true).max()
-    blank = replace(one.second, image=np.full_like(one.second.image, 90))
+    assert max(observed.sigma_px_s) < 1e-4
+    assert np.abs(np.array(observed.rate_px_s) - true).max() < 3 * max(observed.sigma_px_s) + 0.02 * np.abs(true).max()
+    blank = replace(item.second, image=np.full_like(item.second.image, 90))
     with pytest.raises(IllPosed, match="less than half of the points"):
-        dic.hold_drift(one.first, blank, DicSettings())
+        dic.hold_drift(item.first, blank, DicSettings())
 
 
 def test_a_pair_without_points_states_the_cause() -> None:
-    one = pairs(load_scenario("paper_x200"))[0]
-    mirrored = replace(one, second=replace(one.second, image=np.ascontiguousarray(one.second.image[:, ::-1])))
+    item = pairs(load_scenario("paper_x200"))[0]
+    mirrored = replace(item, second=replace(item.second, image=np.ascontiguousarray(item.second.image[:, ::-1])))
     with pytest.raises(
         IllPosed, match=r"no point of pair 0 was correlated, so it has no information: the current frame is mirrored .*left"
     ):

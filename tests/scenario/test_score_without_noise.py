@@ -33,17 +33,17 @@ def errors(request: pytest.FixtureRequest) -> RunErrors:
 
 def test_motion_is_judged_in_the_gauge_in_which_it_can_be_known(errors: RunErrors) -> None:
     """With the affine part B of the distortion counted on the wrong side, shifts are B d off: 0.02 px with drift of 10 px."""
-    worst = np.max([np.abs(one.measured_px - one.true_px) for one in errors.shifts], axis=0)
+    worst = np.max([np.abs(item.measured_px - item.true_px) for item in errors.shifts], axis=0)
     assert worst[1] < 1e-3
     assert worst[0] < 1e-3
 
 
 def test_drift_within_frames_is_judged_in_its_gauge(errors: RunErrors) -> None:
-    assert np.max([np.abs(one.error_px) for one in errors.drift]) < 1e-4
+    assert np.max([np.abs(item.error_px) for item in errors.drift]) < 1e-4
 
 
 def test_distortion_displacement_and_strain_have_no_error_of_their_own(errors: RunErrors) -> None:
     """3e-3 px of the distortion are the spline's, where it bends most at the grid's edge."""
     assert np.abs(errors.distortion.error_px).max() < 5e-3
-    assert np.max([np.abs(one.displacement_px).max() for one in errors.frames]) < 1e-4
-    assert np.max([np.abs(one.mean_strain - one.true_strain) for one in errors.frames]) < 1e-7
+    assert np.max([np.abs(item.displacement_px).max() for item in errors.frames]) < 1e-4
+    assert np.max([np.abs(item.mean_strain - item.true_strain) for item in errors.frames]) < 1e-7

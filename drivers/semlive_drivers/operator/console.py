@@ -12,8 +12,8 @@ import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from semlive.data.operator_prompts import OperatorPrompt, PromptEvent, ResponseType
-from semlive.data.text import printable
+from semlive.inputs.printable import printable
+from semlive.ports import OperatorPrompt, PromptEvent, ResponseType
 
 AnswerCallback = Callable[[str], bool]
 """Receives a line; returns True if it is the answer, False if the question stays open."""

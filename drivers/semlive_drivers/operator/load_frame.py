@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from semlive.data.checks import Finding
 from semlive.data.loading import MotionState
-from semlive.data.operator_prompts import ResponseType
-from semlive.ports import ClockSource
+from semlive.ports import ClockSource, ResponseType
 from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings, compose
 from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
 from semlive_drivers.device_part import Part, PartCommand, PartReading, Stops

@@ -18,7 +18,9 @@ from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
 from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis
 from semlive.report.diagnosis_page import diagnosis_html
 from semlive.service.diagnosis.model_file import compatible_model, model_of, write_model
-from semlive.service.diagnosis.run import diagnose_log, diagnosis_json
+from semlive.service.diagnosis.run import diagnose_log
+from semlive.service.diagnosis.verdict_json import diagnosis_json
+from semlive.service.log.opened_log import OpenedLog
 from semlive.service.runtime.memory import single_arena
 
 _OUTCOME_TEXTS = {
@@ -43,11 +45,12 @@ def diagnose(
     for path, option in ((out, "--out"), (page, "--html")):
         if path is not None:
             output_file(path, option)
-    parent = model_of(log) if model is None else compatible_model(log, model)
+    opened = OpenedLog(log)
+    parent = model_of(opened) if model is None else compatible_model(opened, model)
     with multi_stage_progress() as progress:
-        diagnosis = diagnose_log(log, seed, progress, parent.effect_model.effects)
+        diagnosis, _ = diagnose_log(opened, seed, progress, parent.effect_model.effects)
     if out is not None:
-        write_model(out, diagnosis, log, parent)
+        write_model(out, diagnosis, opened, parent)
     if page is not None:
         made_from = [
             ("log", log.name),
@@ -67,10 +70,11 @@ def diagnose(
         console.print(f"{name}: {UNDERRESOLVED[name]}")
     _print_gap(console, diagnosis)
     console.print(_where_table(diagnosis))
-    if diagnosis.rows is None:
-        console.print(diagnosis.rows_unavailable)
+    rows = diagnosis.images.rows
+    if rows is None:
+        console.print(diagnosis.images.no_rows)
     else:
-        console.print(f"rows: {diagnosis.rows.pairs} pairs of {diagnosis.rows.rows}, noise of a pair {diagnosis.rows.noise_px:.4f} px")
+        console.print(f"rows: {rows.pairs} pairs of {rows.rows}, noise of a pair {rows.noise_px:.4f} px")
     console.print(_grey_line(diagnosis))
     if diagnosis.experiment is not None:
         console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
@@ -79,9 +83,9 @@ def diagnose(
 
 
 def _grey_line(diagnosis: Diagnosis) -> str:
-    grey = diagnosis.grey
+    grey = diagnosis.images.grey
     if grey is None:
-        return diagnosis.intensity_unavailable
+        return diagnosis.images.no_grey
     dark, slope = grey.noise
     residual = f"; {grey.unexplained}" if grey.unexplained else ""
     return (

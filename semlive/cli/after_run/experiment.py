@@ -14,14 +14,16 @@ from rich.console import Console
 from semlive.cli.after_run.forecast_table import forecast_table
 from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
-from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
+from semlive.data.diagnosis.effects import ModelEffect, Outcome, ParameterEstimate
 from semlive.data.diagnosis.verdict import ExperimentForecast
 from semlive.diagnose.experiments.proposals import ExperimentKind, choose_proposal, requested_proposal
 from semlive.diagnose.simulation_comparison import compare_with_simulations
 from semlive.service.diagnosis.model_file import compatible_model, model_of
 from semlive.service.diagnosis.next_config import next_config
-from semlive.service.diagnosis.run import diagnose_log, forecast_json, load_observation, propose_next_experiments
+from semlive.service.diagnosis.run import diagnose_log, load_observation, propose_next_experiments
 from semlive.service.diagnosis.two_runs import compare_logs, decision_json
+from semlive.service.diagnosis.verdict_json import forecast_json
+from semlive.service.log.opened_log import OpenedLog
 
 _DECIDED = {
     Outcome.NONE: "both scans have the same distortion; no part of it depends on the dwell time or the row time",
@@ -67,15 +69,16 @@ def propose(
     if out is not None:
         output_file(out, "--out")
     outcome, proposal, menu = None, None, tuple[ExperimentForecast, ...]()
+    opened = OpenedLog(log)
     if kind is not None:
         proposal = requested_proposal(kind)
     else:
-        effects = (model_of(log) if model is None else compatible_model(log, model)).effect_model.effects
+        effects = _model_effects(opened, model)
         with multi_stage_progress() as progress:
-            diagnosis = diagnose_log(log, seed, progress, effects)
-            menu = propose_next_experiments(log, diagnosis, progress, effects)
+            diagnosis, observation = diagnose_log(opened, seed, progress, effects)
+            menu = propose_next_experiments(observation, diagnosis, effects)
         outcome, proposal = diagnosis.outcome.value, choose_proposal(diagnosis, menu)
-    config = None if proposal is None else next_config(log, proposal)
+    config = None if proposal is None else next_config(opened, proposal)
     if config is not None and out is not None:
         write_text(out, config)
     if as_json:
@@ -103,10 +106,9 @@ def decide(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare two runs with different scans, and decide between effects of the distortion and of the scan axes."""
+    first, second = OpenedLog(log), OpenedLog(other)
     with multi_stage_progress() as progress:
-        decision = compare_logs(
-            (log, other), progress, (model_of(log) if model is None else compatible_model(log, model)).effect_model.effects
-        )
+        decision = compare_logs((first, second), progress, _model_effects(first, model))
     if as_json:
         typer.echo(json.dumps(decision_json(decision)))
         return
@@ -120,6 +122,10 @@ def decide(
     if decision.ambiguous:
         typer.echo(f"possible effects: {', '.join(decision.ambiguous)}")
     typer.echo(f"most likely: {', '.join(f'{name} {factor:.1f}' for name, factor in decision.evidence[:4])} (logarithms of Bayes factors)")
+
+
+def _model_effects(log: OpenedLog, model: Path | None) -> tuple[ModelEffect, ...]:
+    return (model_of(log) if model is None else compatible_model(log, model)).effect_model.effects
 
 
 def _print_parameters(parameters: Sequence[ParameterEstimate]) -> None:
@@ -138,7 +144,7 @@ def compare(
 ) -> None:
     """Compare the maps of a run with two simulations of it, without and with the identified effects: do the effects close the gap?"""
     with multi_stage_progress() as progress:
-        comparison = compare_with_simulations(*(load_observation(path, progress) for path in (log, without, with_effects)))
+        comparison = compare_with_simulations(*(load_observation(OpenedLog(path), progress) for path in (log, without, with_effects)))
     if as_json:
         typer.echo(json.dumps({**asdict(comparison), "confirmed": comparison.confirmed}))
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -31,10 +32,13 @@ def inspect(
     config: Annotated[
         Path | None, typer.Option("--config", help="Configuration of a run; its scan profiles supply values that the files lack.")
     ] = None,
+    page: Annotated[int | None, typer.Option(min=1, help="Which image of TIFF files that contain several, from 1.")] = None,
 ) -> None:
     """Show the scan parameters of exported images, the source of each value, and what is missing."""
     loaded = None if config is None else load_config(config).sem
     profile, vendor = (ScanProfile(), None) if loaded is None else (loaded.scan_profile, loaded.vendor)
+    if page is not None:
+        profile = replace(profile, page=page)
     inspections = [(path, _inspected(path, profile, vendor)) for path in files]
     if as_json_object:
         typer.echo(json.dumps({"files": [as_json(inspection, str(path)) for path, inspection in inspections]}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -10,6 +11,7 @@ from rich.table import Table
 
 from semlive.cli.shared.terminal import cell
 from semlive.data.scan import Provenance, Sourced
+from semlive.data.scan_geometry import ScanGeometry, setting_text
 from semlive.formats.images.inspection import Inspection
 
 _QUANTITIES = {
@@ -43,6 +45,10 @@ def print_inspection(console: Console, path: Path, inspection: Inspection) -> No
         label, scale, unit = _QUANTITIES[name]
         missing = value.source is Provenance.UNKNOWN
         table.add_row(label, _text(value, scale, unit), value.source.value, style="dim" if missing else None)
+    for field in fields(ScanGeometry):
+        setting = getattr(inspection.geometry, field.name)
+        if setting is not None:
+            table.add_row(*(cell(text) for text in setting_text(field.name, setting.value)), setting.source.value)
     for name, text in _arithmetic(inspection):
         table.add_row(name, text, "derived")
     table.add_row("time in the file", cell(str(inspection.acquired.value or "")), inspection.acquired.source.value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -76,7 +76,7 @@ def _dose(planned: ExperimentPlan, current_na: float) -> float | None:
     return None if scan.dwell_s is None else dose_c_m2(planned.schedule.scans, scan.dwell_s, current_na * 1e-9, scan.pixel_size_m)
 
 
-def _json(planned: ExperimentPlan, dose: float | None) -> dict[str, Any]:
+def _json(planned: ExperimentPlan, dose: float | None) -> dict[str, object]:
     times, quality = planned.schedule, planned.quality
     return {
         "model": list(planned.effects),

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 from semlive.service.planning.recommendation import Recommendation
 
 
-def recommendation_json(recommended: Recommendation | None) -> dict[str, Any] | None:
+def recommendation_json(recommended: Recommendation | None) -> dict[str, object] | None:
     """The recommendation as a JSON object; None without a test frame."""
     if recommended is None:
         return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -45,7 +44,7 @@ def stop_table(stops: StopPlan) -> Table:
     return table
 
 
-def stop_json(stops: StopPlan) -> dict[str, Any]:
+def stop_json(stops: StopPlan) -> dict[str, object]:
     """The table as JSON: the ramp, and a list of rows with `exceeds_limit`; unbounded values are null."""
     case = stops.case
     return {

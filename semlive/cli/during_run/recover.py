@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -40,7 +40,7 @@ def recover(
             echo(line)
 
 
-def _as_json(recovered: tuple[RepairSummary, ...]) -> dict[str, Any]:
+def _as_json(recovered: tuple[RepairSummary, ...]) -> dict[str, object]:
     return {
         "messages": sum(sum(segment.recovered.values()) for segment in recovered),
         "lost": sum(sum(segment.lost.values()) for segment in recovered),

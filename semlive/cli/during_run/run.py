@@ -15,9 +15,9 @@ from rich.console import Console
 
 from semlive.cli.during_run.run_status import ProgressView
 from semlive.cli.shared.live_page import PORT, Host, Name, PageAddress, PageProcess, Port
-from semlive.data.text import printable
 from semlive.engine import OperatorCommand
 from semlive.errors import BadConfig, SemliveError
+from semlive.inputs.printable import printable
 from semlive.service.config.configuration import load_config
 from semlive.service.config.plausibility import refuse_unusual
 from semlive.service.control.socket import SocketAddress

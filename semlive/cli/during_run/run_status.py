@@ -14,8 +14,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from semlive.data.text import printable
 from semlive.engine import FINAL_STATES, State
+from semlive.inputs.printable import printable
 from semlive.service.control.run_monitor import RunSnapshot
 from semlive.service.log.alarms import PRESS_STOP, Alarm, AlarmLevel
 

@@ -9,8 +9,8 @@ import typer
 from rich.console import Console
 
 from semlive.cli.shared.live_page import PORT, Host, Name, PageAddress, PageProcess, Port
-from semlive.data.text import printable
 from semlive.errors import SemliveError
+from semlive.inputs.printable import printable
 from semlive.service.log.files import segments
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 from rich.markup import escape
 
-from semlive.data.text import printable
+from semlive.inputs.printable import printable
 
 
 def echo(line: str, err: bool = False) -> None:

@@ -60,28 +60,36 @@ def dic(
             help="Method: subset, global (one smooth field, for weak texture), or auto (global if subsets measure too few points)."
         ),
     ] = "auto",
+    page: Annotated[int | None, typer.Option(min=1, help="Which image of TIFF files that contain several, from 1.")] = None,
     out: Annotated[Path | None, typer.Option(help="CSV file to write; a folder if there are several current images.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Correlate images (TIFF, PNG, JPEG, BMP...) with a reference: x_current = x + u, in px."""
     settings = _settings(subset, step, roi, interpolation, shape, search, method)
-    image = _read(ref)
+    image = _read(ref, page)
     used = None if mask is None else _read_same_size(mask, ref, image) > 0
     engine.grid_for(settings, image.shape[1], image.shape[0])  # reject settings that do not fit before anything is decoded
     for path in cur:
-        _read_same_size(path, ref, image)  # reject a wrong file before the correlation; decoding takes a thirtieth of its time
+        _read_same_size(path, ref, image, page)  # reject a wrong file before the correlation; decoding takes a thirtieth of its time
     files = _output_files(out, cur)
     compile_with_progress(settings)
     for warning in _poor(image, settings, used):
         echo(f"{ref}: {warning}", err=True)
-    figures = _correlate_files(ref, cur, files, image, used, settings, as_json)
+    figures = _correlate_files(ref, cur, files, image, used, settings, as_json, page)
     if as_json:
         typer.echo(json.dumps(figures[0] if len(figures) == 1 else figures))
     _fail_without_points(cur, figures)
 
 
 def _correlate_files(
-    ref: Path, cur: list[Path], files: list[Path], image: Image, used: NDArray[np.bool_] | None, settings: DicSettings, as_json: bool
+    ref: Path,
+    cur: list[Path],
+    files: list[Path],
+    image: Image,
+    used: NDArray[np.bool_] | None,
+    settings: DicSettings,
+    as_json: bool,
+    page: int | None,
 ) -> list[dict[str, object]]:
     """Correlate each current image; write its CSV file, print its line, and return the figures for JSON."""
     grid = engine.grid_for(settings, image.shape[1], image.shape[0])
@@ -90,7 +98,7 @@ def _correlate_files(
     prepared_s = time.perf_counter() - start
     figures: list[dict[str, object]] = []
     for number, path in enumerate(_with_progress(cur), start=1):
-        current = _read_same_size(path, ref, image)
+        current = _read_same_size(path, ref, image, page)
         start = time.perf_counter()
         if reference is None:
             disparity = engine.correlate_tiled(image, current, grid, settings, mask=used, current_frame=number)
@@ -191,21 +199,21 @@ def _settings(subset: int, step: int, roi: str | None, interpolation: str, shape
         raise BadInput(f"--subset {subset} --step {step}: {error}.") from error
 
 
-def _read(path: Path) -> Image:
+def _read(path: Path, page: int | None = None) -> Image:
     try:
         data = read_regular(path, MAX_IMAGE_BYTES)
     except OSError as error:
         raise BadInput(f"{path}: cannot be read ({error.strerror}); give an image file that exists.") from error
-    return read_picture(data, str(path))
+    return read_picture(data, str(path), page)
 
 
-def _read_same_size(path: Path, ref: Path, reference: Image) -> Image:
+def _read_same_size(path: Path, ref: Path, reference: Image, page: int | None = None) -> Image:
     """Read a current image or a mask.
 
     Raises:
         BadInput: its size differs from that of the reference.
     """
-    image = _read(path)
+    image = _read(path, page)
     (height, width), (h1, w1) = reference.shape, image.shape
     if (height, width) != (h1, w1):
         raise BadInput(f"{path}: is {w1} x {h1} px but {ref} is {width} x {height} px; export all frames with the same size and databar.")

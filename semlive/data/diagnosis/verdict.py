@@ -134,6 +134,36 @@ UNDERRESOLVED = {
 
 
 @dataclass(frozen=True, slots=True)
+class ImageVerdicts:
+    """Verdicts of the channels that need images; `Diagnosis.effects` and `Diagnosis.where` include their effects and tests.
+
+    Attributes:
+        rows: verdict of the row channel.
+        no_rows: reason for a missing row channel; empty if there is one.
+        grey: verdict of the intensity channel.
+        no_grey: reason for a missing intensity channel; empty if there is one.
+    """
+
+    rows: RowDiagnosis | None = None
+    no_rows: str = ""
+    grey: IntensityDiagnosis | None = None
+    no_grey: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RunExtent:
+    """Time and frame size of a run.
+
+    Attributes:
+        duration_s: time of the last scanned point, seconds after the start of frame 0.
+        size_px: width and height of the frames.
+    """
+
+    duration_s: float = 0.0
+    size_px: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The verdict of a diagnosis.
 
@@ -148,16 +178,12 @@ class Diagnosis:
         noise_px: standard deviation of the mean of a block in one frame.
         evidence: names and logarithms of the Bayes factors of all candidates, before any effect, including unnamed fields.
         model_effects: effects that the model contained before the diagnosis.
-        duration_s: time of the last scanned point, seconds after the start of frame 0.
-        size_px: width and height of the frames.
-        rows: verdict of the row channel; `effects` and `where` include its effects and tests.
-        rows_unavailable: reason for a missing row channel; empty if there is one.
         figure_data: data for figures; None if no effect was identified in the maps.
-        grey: verdict of the intensity channel; `effects` and `where` include its effects and test.
-        intensity_unavailable: reason for a missing intensity channel; empty if there is one.
         overlap: names of the other candidates, with the fraction of the first map effect that each explains; empty if none was identified.
         coarse: splines of the baseline that are too coarse for the run, ``baseline_drift_underresolved`` or
             ``baseline_distortion_underresolved``; their residual was added to the baseline before the search.
+        images: verdicts of the image channels.
+        run: extent of the diagnosed run.
     """
 
     outcome: Outcome
@@ -170,12 +196,8 @@ class Diagnosis:
     noise_px: float
     evidence: tuple[tuple[str, float], ...] = ()
     model_effects: tuple[ModelEffect, ...] = ()
-    duration_s: float = 0.0
-    size_px: tuple[int, int] = (0, 0)
-    rows: RowDiagnosis | None = None
-    rows_unavailable: str = ""
     figure_data: DiagnosisFigureData | None = field(default=None, compare=False)
     overlap: tuple[tuple[str, float], ...] = ()
-    grey: IntensityDiagnosis | None = None
-    intensity_unavailable: str = ""
     coarse: tuple[str, ...] = ()
+    images: ImageVerdicts = ImageVerdicts()
+    run: RunExtent = RunExtent()

@@ -23,6 +23,7 @@ from semlive.estimate.joint.observations.state import EstimatorState, MapObserva
 from semlive.estimate.joint.solution.posterior import Solution, mean_with, posterior_from_elimination, solve_both_couplings
 from semlive.mechanics.strain_gage import mean_gage_strain
 from semlive.model.effects import RunGeometry
+from semlive.model.effects.run_geometry import FrameSteps
 
 MIN_PAIRS = 5
 MIN_BLOCKS = 24
@@ -200,13 +201,15 @@ def _scene(
         half_px=float(state.centre_px[0]),
         frame=frames,
         pair=frames // 2,
-        loaded=np.repeat([step.phase is Phase.TENSION for step in steps], 2),
-        gradient_free=np.repeat([step.phase is not Phase.CALIBRATION for step in steps], 2),
         start_s=start_s,
-        load_n=np.array([load for step in steps for load in step.load_n]),
-        load_change_n=np.repeat(np.diff(between, prepend=0.0), 2),
-        move_px=np.repeat(np.diff(shift, axis=0, prepend=shift[:1]), 2, axis=0),
-        since_step_s=np.repeat([step.hold_s for step in steps], 2) + start_s - np.repeat(start_s[::2], 2),
+        steps=FrameSteps(
+            loaded=np.repeat([step.phase is Phase.TENSION for step in steps], 2),
+            gradient_free=np.repeat([step.phase is not Phase.CALIBRATION for step in steps], 2),
+            load_n=np.array([load for step in steps for load in step.load_n]),
+            load_change_n=np.repeat(np.diff(between, prepend=0.0), 2),
+            move_px=np.repeat(np.diff(shift, axis=0, prepend=shift[:1]), 2, axis=0),
+            since_step_s=np.repeat([step.hold_s for step in steps], 2) + start_s - np.repeat(start_s[::2], 2),
+        ),
         drift_knot_s=state.drift.spline.spacing,
         distortion_knot_px=state.distortion.along_y.spacing,
     )

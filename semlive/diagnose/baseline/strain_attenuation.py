@@ -25,7 +25,7 @@ def strain_attenuation(baseline_with_effects: HyperparameterGrid, fields: tuple[
         effect_count: number of effects given before the search.
     """
     scene, columns = baseline_with_effects.design.observation.geometry, baseline_with_effects.design
-    if not scene.loaded.any():
+    if not scene.steps.loaded.any():
         return tuple(0.0 for _ in fields)
     injected = np.concatenate(_injected(scene), axis=-1)
     first = len(columns.parameter_indices)
@@ -39,7 +39,7 @@ def strain_attenuation(baseline_with_effects: HyperparameterGrid, fields: tuple[
 
 def _injected(scene: RunGeometry) -> tuple[Array, ...]:
     """(f, b, 2, 1) for exx, eyy and exy: displacement by a strain of 1 / half width in frames under load, px."""
-    on = scene.loaded[:, None].astype(np.float64)
+    on = scene.steps.loaded[:, None].astype(np.float64)
     nothing = np.zeros_like(scene.x)
     return field_column(scene.x * on, nothing), field_column(nothing, scene.y * on), field_column(scene.y * on, scene.x * on)
 
@@ -52,5 +52,5 @@ def _strain(scene: RunGeometry, moved: Array) -> tuple[float, float, float]:
         _, x, y = np.linalg.lstsq(rows, moved[frame], rcond=None)[0]
         strains.append((x[0], y[1], 0.5 * (x[1] + y[0])))
     each = np.array(strains)
-    exx, eyy, exy = each[scene.loaded].mean(axis=0) - each[0]
+    exx, eyy, exy = each[scene.steps.loaded].mean(axis=0) - each[0]
     return float(exx), float(eyy), float(exy)

@@ -48,7 +48,9 @@ NOTHING = Prediction("nothing", np.zeros((0, 0, 2, 0)), np.zeros(0), np.zeros((0
 def predict_effect(run: HyperparameterGrid, before: HyperparameterGrid, effect: RefinedEffect) -> Prediction:
     """Prediction of an effect of one run in another run; an empty prediction if the effect is not observable there."""
     scene, family = run.design.observation.geometry, effect.family
-    not_observable = family.recurrence is Recurrence.ONE_TIME or (family.recurrence is Recurrence.FOLLOWS_MOVES and not scene.move_px.any())
+    not_observable = family.recurrence is Recurrence.ONE_TIME or (
+        family.recurrence is Recurrence.FOLLOWS_MOVES and not scene.steps.move_px.any()
+    )
     basis_field = None if not_observable else family.basis_field(scene, dict(effect.values))
     if basis_field is None or not basis_field.field_px.any():
         return replace(NOTHING, name=family.name)

@@ -97,12 +97,12 @@ def _possible_runs(observation: Observation) -> Iterator[tuple[ExperimentKind, P
 def _protocol(observation: Observation) -> Protocol:
     """The run as the protocol section of a configuration."""
     scene = observation.geometry
-    place = np.cumsum(scene.move_px[::2], axis=0)
-    loads = 0.5 * (scene.load_n[::2] + scene.load_n[1::2])
+    place = np.cumsum(scene.steps.move_px[::2], axis=0)
+    loads = 0.5 * (scene.steps.load_n[::2] + scene.steps.load_n[1::2])
     return {
-        "calibration_shifts_px": place[~scene.gradient_free[::2]].tolist(),
-        "loads_n": loads[scene.loaded[::2]].tolist(),
-        "hold_s": float(scene.since_step_s[0]),
+        "calibration_shifts_px": place[~scene.steps.gradient_free[::2]].tolist(),
+        "loads_n": loads[scene.steps.loaded[::2]].tolist(),
+        "hold_s": float(scene.steps.since_step_s[0]),
     }
 
 
@@ -116,7 +116,7 @@ def planned_run(observation: Observation, kind: ExperimentKind, scan_time_ratio:
     """
     scene, protocol = observation.geometry, protocol_for(_protocol(observation), kind)
     extra_scan_s = (scan_time_ratio - 1.0) * observation.state.frame_time(int(scene.frame[0])).timing.duration_s
-    extra_hold_s = protocol["hold_s"] - float(scene.since_step_s[0])
+    extra_hold_s = protocol["hold_s"] - float(scene.steps.since_step_s[0])
     interval_s = float(np.median(scene.start_s[1::2] - scene.start_s[::2])) + extra_scan_s
     pair_interval_s = float(np.median(np.diff(scene.start_s[::2]))) + 2.0 * extra_scan_s + extra_hold_s
     steps = [(Phase.CALIBRATION, 0.0, tuple(value)) for value in protocol["calibration_shifts_px"]]

@@ -124,14 +124,14 @@ def _scaled(timing: ScanTiming, by: float) -> ScanTiming:
 def _gradient_per_n(observation: Observation) -> Array:
     """(2, 2) displacement gradient per N of load, fitted to the frames under load."""
     scene = observation.geometry
-    square = float(np.sum(scene.load_n[scene.loaded] ** 2))
+    square = float(np.sum(scene.steps.load_n[scene.steps.loaded] ** 2))
     if not square:
         return np.zeros((2, 2))
     place = scene.address_px - scene.disparity_px
     total = np.zeros((2, 2))
-    for frame in np.flatnonzero(scene.loaded):
+    for frame in np.flatnonzero(scene.steps.loaded):
         columns = np.column_stack((place[frame], np.ones(len(place[frame]))))
-        total += scene.load_n[frame] * np.linalg.lstsq(columns, scene.disparity_px[frame], rcond=None)[0][:2].T
+        total += scene.steps.load_n[frame] * np.linalg.lstsq(columns, scene.disparity_px[frame], rcond=None)[0][:2].T
     return total / square
 
 

@@ -88,7 +88,7 @@ def _profile(baseline_with_effects: HyperparameterGrid, residual: Array, name: s
     if model[largest] < model[0]:  # a growing effect has a rising profile
         shape, model = -shape, -model
     data = model + np.einsum("fbc,bc->f", residual, shape) / power
-    load, on = scene.load_n, scene.loaded
+    load, on = scene.steps.load_n, scene.steps.loaded
     along = on.any() and np.ptp(load) > 0.0 and np.std(model) > 0.0 and abs(np.corrcoef(load, model)[0, 1]) > LOAD_CORRELATED
     sigma = np.full(len(model), power**-0.5)
     # Relative to frame 0, the reference of all displacements.
@@ -97,16 +97,16 @@ def _profile(baseline_with_effects: HyperparameterGrid, residual: Array, name: s
 
 def _on_strain(scene: RunGeometry, name: str, moved: Array) -> StrainBias:
     """Mean strain by an effect in frames under load, and its slope over load relative to that of the maps."""
-    if not scene.loaded.any():
+    if not scene.steps.loaded.any():
         return StrainBias(name, 0.0, 0.0, 0.0, None, None)
     own, observed = _gradients(scene, moved), _gradients(scene, scene.disparity_px)
-    load = scene.load_n
+    load = scene.steps.load_n
     top = int(np.argmax(np.abs(load)))
     exx, eyy, exy = (float(value) for value in own[top] - own[0])
-    if np.ptp(load[scene.loaded]) == 0.0 or np.abs(observed[top, :2]).max() < MIN_STRAIN:
+    if np.ptp(load[scene.steps.loaded]) == 0.0 or np.abs(observed[top, :2]).max() < MIN_STRAIN:
         return StrainBias(name, exx, eyy, exy, None, None)
-    line = np.stack((np.ones_like(load), load), axis=-1)[scene.loaded]
-    slope, of_all = (np.linalg.lstsq(line, value[scene.loaded], rcond=None)[0][1] for value in (own, observed))
+    line = np.stack((np.ones_like(load), load), axis=-1)[scene.steps.loaded]
+    slope, of_all = (np.linalg.lstsq(line, value[scene.steps.loaded], rcond=None)[0][1] for value in (own, observed))
     axial = int(np.argmax(np.abs(of_all[:2])))
     corrected = of_all - slope
     modulus = of_all[axial] / corrected[axial] - 1.0

@@ -199,7 +199,7 @@ def _nuisances(columns: DesignMatrix, frame: int, within_px: float) -> tuple[Arr
     x, y = scene.x[frame], scene.y[frame]
     drift_px = max(within_px, MIN_DRIFT_PX) / float(np.ptp(y))
     shapes, sizes_px = [np.ones_like(x), y, y * y], [FREE_PRIOR_PX, drift_px, drift_px]
-    if scene.gradient_free[frame]:
+    if scene.steps.gradient_free[frame]:
         shapes, sizes_px = [*shapes, x], [FREE_PRIOR_PX, FREE_PRIOR_PX, drift_px, FREE_PRIOR_PX]
     return _whitened(columns, shapes), np.repeat(sizes_px, 2)
 

@@ -121,7 +121,7 @@ def _courses(scene: RunGeometry) -> tuple[Array, ...]:
     pair = (scene.pair[:, None] == np.unique(scene.pair)).astype(np.float64)
     courses = [slow, fast, pair, np.eye(f), along, along**2, np.where(np.arange(f) % 2 == 0, 1.0, -1.0)[:, None]]
     if scene.load.any():
-        loaded = scene.loaded[:, None].astype(np.float64)
+        loaded = scene.steps.loaded[:, None].astype(np.float64)
         courses += [scene.load, fast * loaded, fast * (1.0 - loaded)]
     return tuple(courses)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
-from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal, RunExtent
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws, overlap
 from semlive.diagnose.baseline.observation import Observation
@@ -75,7 +75,7 @@ def diagnose(
         overlap=shared,
         coarse=result.search.underresolved_splines,
     )
-    return replace(verdict, model_effects=tuple(model_effects), duration_s=observation.geometry.end_s, size_px=(width, height))
+    return replace(verdict, model_effects=tuple(model_effects), run=RunExtent(observation.geometry.end_s, (width, height)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -138,8 +138,8 @@ def stage_response(run: HyperparameterGrid, slope: Array) -> StageResponse | Non
         slope: (2, 2) gradient of the affine part of the distortion, which is attributed to the scan axes.
     """
     scene, motions = run.design.observation.geometry, run.design.observation.state.motions
-    unloaded = ~scene.loaded[::2]
-    pairs, commanded = scene.pair[::2][unloaded], np.cumsum(scene.move_px[::2], axis=0)[unloaded]
+    unloaded = ~scene.steps.loaded[::2]
+    pairs, commanded = scene.pair[::2][unloaded], np.cumsum(scene.steps.move_px[::2], axis=0)[unloaded]
     if len(pairs) < MIN_PAIRS:
         return None
     own = baseline_mean(run)[parameter_subset(run, "motion")]

@@ -1,8 +1,9 @@
 """Initial displacement: shift of the frame, then blocks that two band-passes find at the same place.
 
 The frame shift is the best of all with sufficient overlap, by ZNCC over the common area (three correlations by Fourier transform).
-Each block is then searched around it in both band-passed images. In seven pairs of real rasters 83 to 100 % of the blocks agree within
-1.5 px, in pairs of unrelated frames at most 2 %.
+Each block is then searched around it in both band-passed images. A block counts if both agree and a neighbour without a common pixel
+moved alike: in six real pairs 72 to 91 % of the blocks, in 600 pairs of noise (white, coarse or of one grey level, 150 to 256 px) at
+most 22 %, and at most 12 % of white noise.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ SEARCH_PX = 16  # binned px
 BLOCKS_ALONG = 32  # largest number of blocks along the longer edge
 AGREEMENT_PX = 1.5  # binned px
 MIN_OVERLAP = 0.25  # of the frame
-MIN_AGREEING = 0.2  # of the blocks; 0.02 at most in unrelated frames, 0.7 at least in related ones
+MIN_AGREEING = 0.25  # of the blocks, confirmed by a neighbour; 0.72 at least in real pairs, 0.22 at most in 600 pairs of noise
 MIN_BLOCKS = 6
 LOBE_PX = 6  # half the extent of a peak of the correlation
 MAX_SECOND_PEAK = 0.95  # of the best; above, the frame matches itself at two shifts
@@ -38,7 +39,7 @@ class Blocks:
 
     Attributes:
         matches: (n, 4) x, y, u, v in px.
-        fraction: fraction of all blocks of the common area.
+        fraction: fraction of all blocks of the common area that also have a neighbour that moved alike.
         ambiguous: whether another shift of the frame fits as well.
     """
 
@@ -68,10 +69,21 @@ def find_blocks(f: Image, g: Image, search_px: float | None = None) -> Blocks:
     found = [_match(*pair, shift, step) for pair in (fine, coarse)]
     count = len(found[0])
     agree = np.all(np.abs(found[0][:, 2:] - found[1][:, 2:]) <= AGREEMENT_PX, axis=1) if count else np.empty(0, dtype=bool)
-    matches = 0.5 * (found[0] + found[1])[agree] * binning
+    blocks = 0.5 * (found[0] + found[1])
+    matches = blocks[agree] * binning
     if binning > 1:
         matches[:, :2] += 0.5 * (binning - 1)
-    return Blocks(matches, float(agree.mean()) if count else 0.0, ambiguous)
+    return Blocks(matches, float(np.sum(_confirmed(blocks[agree]))) / count if count else 0.0, ambiguous)
+
+
+def _confirmed(blocks: Array) -> NDArray[np.bool_]:
+    """(n,) whether a block without a common pixel, but next to it, moved alike.
+
+    The two band-passes of one block contain the same noise, so they agree by chance in up to 0.3 of the blocks of unrelated frames.
+    """
+    distance = np.max(np.abs(blocks[:, None, :2] - blocks[None, :, :2]), axis=-1)
+    apart = np.max(np.abs(blocks[:, None, 2:] - blocks[None, :, 2:]), axis=-1)
+    return np.any((distance >= BLOCK_PX) & (distance <= 2 * BLOCK_PX) & (apart <= AGREEMENT_PX), axis=1)
 
 
 def _binned(image: Image, binning: int) -> Image:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,14 +137,6 @@ def mean_strain_covariance(solution: SuttonSolution, frames: Sequence[int], of: 
     along_y = [np.hypot(value.eyy, two[1]) for value, two in zip(sigma, noise, strict=True)]
     variance = np.array([*along_x, *along_y], dtype=np.float64) ** 2
     return np.diag(variance) if of is None else (of * variance) @ of.T
-
-
-def current_drift_rate(solution: SuttonSolution) -> Array:
-    """(2,) drift rate in px/s at the end of the newest frame, mean over the grid."""
-    newest = solution.state.pairs[-1].times[1]
-    here = np.stack(solution.state.grid.mesh(), axis=-1).reshape(-1, 2)
-    end = replace(newest, start_s=newest.start_s + newest.timing.duration_s)
-    return solution.drift_of(newest.frame).rate_at(here, end).mean(axis=0)
 
 
 def _from_reference(solution: SuttonSolution, frame: int) -> DisparityMap:

@@ -10,8 +10,8 @@ from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.data.storage import Storage
 from semlive.errors import IllPosed
+from semlive.estimate.storage import Storage
 
 
 @dataclass(frozen=True, slots=True, eq=False)

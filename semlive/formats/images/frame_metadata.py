@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from semlive.data.frame import ExportedFile, FrameInfo
 from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive.data.scan_geometry import geometry_notes
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.metadata.header import Header
@@ -103,7 +104,8 @@ def frame_info(file: ExportedFile, header: Header, width: int, rows: int, profil
         column=header.column,
         start_anchor=profile.start_anchor if header.embedded is not None else "end",
         embedded_time_ns=None if header.embedded is None else header.embedded.time_ns,
-        notes=header.notes + unread_time_notes(header),
+        notes=header.notes + geometry_notes(header.geometry, scan.pixel_size_m.value) + unread_time_notes(header),
+        geometry=header.geometry,
     )
 
 

@@ -12,7 +12,7 @@ from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.images import frame_metadata
 from semlive.formats.metadata.header import Header
-from semlive.formats.vendors import fei, greyscale, hitachi, jeol, plain, png, tescan, tiff, zeiss
+from semlive.formats.vendors import fei, greyscale, hitachi, jeol, plain, png, tescan, tiff, tiff_pages, tiff_pixels, zeiss
 
 SIDECAR_VENDORS = ("jeol", "hitachi")
 """Vendors whose header is always in a sidecar, a text file with the name of the image."""
@@ -45,24 +45,28 @@ class ParsedFile:
         header: metadata of the file; nothing is filled in.
         width_px: width of the image.
         rows: rows of the image, databar included.
-        directory: of the first image of a TIFF file; None for PNG.
+        page: the image of a TIFF file that is read; None for PNG.
     """
 
     file: ExportedFile
     header: Header
     width_px: int
     rows: int
-    directory: tiff.Directory | None = None
+    page: tiff_pages.Page | None = None
 
 
-def parse_file(file: ExportedFile) -> ParsedFile:
+def parse_file(file: ExportedFile, number: int | None = None) -> ParsedFile:
     """Parse the header of an exported file. A header inside the image takes precedence over a sidecar.
+
+    Args:
+        file: the exported file.
+        number: which image of a TIFF file is the frame, from 1; None if it contains only one frame.
 
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
     if tiff.is_tiff(file.data):
-        return parse_tiff(file, tiff.first_directory(file.data, file.name))
+        return parse_tiff(file, tiff_pages.find_page(file.data, file.name, number))
     if not png.is_png(file.data):
         raise BadImage(f"{file.name}: {other_format(file.data)}is neither TIFF nor PNG; set the microscope's export to TIFF.")
     width, rows = png.size_px(file.data, file.name)
@@ -75,22 +79,15 @@ def other_format(data: bytes) -> str:
     return f"is a {name} file, so it " if name else ""
 
 
-def parse_tiff(file: ExportedFile, directory: tiff.Directory) -> ParsedFile:
-    """Parse the header of a TIFF file from its first directory.
-
-    Raises:
-        BadImage: one sentence: file, what is wrong, what to do.
-    """
-    data = file.data
-    width, rows = tiff.size_px(data, file.name, directory)
-    header = (
-        fei.read_header(data, directory, file.mtime_ns)
-        or zeiss.read_header(data, directory, width, rows, file.mtime_ns)
-        or tescan.read_header(data, directory, file.mtime_ns)
-    )
-    notes = _unreadable_tag_notes(directory, header)
+def parse_tiff(file: ExportedFile, page: tiff_pages.Page) -> ParsedFile:
+    """Parse the header of a TIFF file: that of the image, or else of the first image of the file."""
+    data, width, rows, mtime_ns = file.data, page.width_px, page.rows, file.mtime_ns
+    directory = page.directory if _VENDOR_TAGS.keys() & page.directory.tags.keys() else page.first
+    header = fei.read_header(data, directory, width, rows, mtime_ns) or zeiss.read_header(data, directory, width, rows, mtime_ns)
+    header = header or tescan.read_header(data, directory, mtime_ns)
+    notes = page.notes + _unreadable_tag_notes(directory, header)
     header = header or _external_header(file)
-    return ParsedFile(file, replace(header, notes=header.notes + notes) if notes else header, width, rows, directory)
+    return ParsedFile(file, replace(header, notes=header.notes + notes) if notes else header, width, rows, page)
 
 
 def _unreadable_tag_notes(directory: tiff.Directory, header: Header | None) -> tuple[str, ...]:
@@ -124,7 +121,7 @@ def read_info(file: ExportedFile, profile: ScanProfile) -> FrameInfo:
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
-    return parsed_info(parse_file(file), profile)
+    return parsed_info(parse_file(file, profile.page), profile)
 
 
 def parsed_info(parsed: ParsedFile, profile: ScanProfile) -> FrameInfo:
@@ -142,7 +139,7 @@ def read_frame(file: ExportedFile, profile: ScanProfile) -> Frame:
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
-    parsed = parse_file(file)
+    parsed = parse_file(file, profile.page)
     info = parsed_info(parsed, profile)
     pixels = read_pixels(parsed)
     # The first rows of a contiguous image are contiguous.
@@ -172,7 +169,9 @@ def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None 
         A clause; None if nothing is missing.
     """
     try:
-        parsed = parse_file(file)
+        parsed = parse_file(file, profile.page)
+    except tiff_pages.SeveralFrames:
+        return None  # complete; `read_frame` states why it is not used
     except BadImage as error:
         return str(error).removeprefix(f"{file.name}: ").rstrip(".")
     header, width, rows = parsed.header, parsed.width_px, parsed.rows
@@ -180,10 +179,10 @@ def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None 
         return missing_header(vendor)
     if header.width_px not in (None, width) or header.rows not in (None, rows):
         return f"it is {width} x {rows} px, but its header describes another image"
-    if parsed.directory is None:
+    if parsed.page is None:
         return None
     bar = rows - int(header.height_px) if header.height_px else header.databar_rows or profile.databar_rows or 0
-    zeros = tiff.zero_rows(file.data, parsed.directory, rows - bar)
+    zeros = tiff.zero_rows(file.data, parsed.page.directory, rows - bar)
     return f"its last {zeros} rows are zero" if zeros >= 2 else None
 
 
@@ -203,19 +202,19 @@ def read_pixels(parsed: ParsedFile) -> NDArray[np.uint8] | NDArray[np.uint16]:
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
-    data, name, directory = parsed.file.data, parsed.file.name, parsed.directory
-    if directory is None:
-        return greyscale.to_greyscale(name, png.read_pixels(data, name), tiff.Photometric.BLACK_IS_ZERO)
-    return tiff_to_greyscale(data, name, directory, tiff.read_pixels(data, name, directory))
+    data, name, page = parsed.file.data, parsed.file.name, parsed.page
+    if page is None:
+        return greyscale.to_greyscale(name, png.read_pixels(data, name), tiff_pixels.Photometric.BLACK_IS_ZERO)
+    return tiff_to_greyscale(data, name, page, tiff_pixels.read_pixels(data, name, page))
 
 
-def tiff_to_greyscale(
-    data: bytes, name: str, directory: tiff.Directory, pixels: NDArray[np.generic]
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def tiff_to_greyscale(data: bytes, name: str, page: tiff_pages.Page, pixels: NDArray[np.generic]) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """Return the decoded pixels of a TIFF file as one grey channel.
 
     Raises:
         BadImage: the pixels are coloured or of another type than 8 or 16 bit.
     """
-    photometric = directory.integer(data, tiff.Tag.PHOTOMETRIC, tiff.Photometric.BLACK_IS_ZERO)
-    return greyscale.to_greyscale(name, pixels, photometric, directory.integers(data, tiff.Tag.COLOR_MAP))
+    directory = page.directory
+    photometric = directory.integer(data, tiff.Tag.PHOTOMETRIC, tiff_pixels.Photometric.BLACK_IS_ZERO)
+    palette, bits = directory.integers(data, tiff.Tag.COLOR_MAP), tiff_pixels.bits_per_sample(data, directory)
+    return greyscale.to_greyscale(name, pixels, photometric, palette, bits)

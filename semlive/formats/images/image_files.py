@@ -14,7 +14,7 @@ from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.images.frames import parse_tiff, parsed_info, tiff_to_greyscale
-from semlive.formats.vendors import greyscale, png, tiff
+from semlive.formats.vendors import greyscale, png, tiff, tiff_pages, tiff_pixels
 
 Grey = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -23,27 +23,28 @@ NO_SCAN = ScanProfile(dwell_time_s=1e-9, row_time_s=1.0, frame_time_s=None, pixe
 _LUMINANCE = (0.299, 0.587, 0.114)  # of red, green, blue: ITU-R BT.601
 
 
-def read_picture(data: bytes, name: str) -> Grey:
+def read_picture(data: bytes, name: str, number: int | None = None) -> Grey:
     """Return the grey levels of an image file, (height, width); a databar is cropped if the header contains its height.
 
     Args:
         data: bytes of the file.
         name: file name, for messages.
+        number: which image of a TIFF file to read, from 1; None if it contains only one frame.
 
     Raises:
         BadImage: one sentence: file, what is wrong, what to do.
     """
     if tiff.is_tiff(data):
-        directory = tiff.first_directory(data, name)
-        pixels = tiff.read_pixels(data, name, directory)
+        page = tiff_pages.find_page(data, name, number)
+        pixels = tiff_pixels.read_pixels(data, name, page)
         if _is_coloured(pixels):
             return _luminance(name, pixels, _LUMINANCE)
-        image = tiff_to_greyscale(data, name, directory, pixels)
-        return image[: parsed_info(parse_tiff(ExportedFile(0, name, data, "", 0, 0), directory), NO_SCAN).height_px]
+        image = tiff_to_greyscale(data, name, page, pixels)
+        return image[: parsed_info(parse_tiff(ExportedFile(0, name, data, "", 0, 0), page), NO_SCAN).height_px]
     pixels = png.read_pixels(data, name) if png.is_png(data) else _decode(data, name)
     if _is_coloured(pixels):
         return _luminance(name, pixels, _LUMINANCE[::-1])
-    return greyscale.to_greyscale(name, pixels, tiff.Photometric.BLACK_IS_ZERO)
+    return greyscale.to_greyscale(name, pixels, tiff_pixels.Photometric.BLACK_IS_ZERO)
 
 
 def _decode(data: bytes, name: str) -> NDArray[np.generic]:

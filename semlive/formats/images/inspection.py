@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 
 from semlive.data.frame import ExportedFile
 from semlive.data.scan import Provenance, Sourced
+from semlive.data.scan_geometry import ScanGeometry, geometry_notes
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.images import frame_metadata
@@ -33,6 +34,7 @@ class Inspection:
         complete: the file is complete and its scan was finished.
         problems: one sentence each, with what to do.
         notes: unusual properties, one sentence each.
+        geometry: settings of the scan that change the geometry of the image.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Inspection:
     complete: bool = False
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    geometry: ScanGeometry = field(default_factory=ScanGeometry)
 
 
 def inspect_file(file: ExportedFile, profile: ScanProfile, vendor: str | None = None) -> Inspection:
@@ -56,7 +59,7 @@ def inspect_file(file: ExportedFile, profile: ScanProfile, vendor: str | None = 
         vendor: vendor whose header a run requires; None for any.
     """
     try:
-        parsed = parse_file(file)
+        parsed = parse_file(file, profile.page)
     except BadImage as error:
         return Inspection(file.name, "plain", problems=(_without_name(file.name, error),))
     header, width, rows = parsed.header, parsed.width_px, parsed.rows
@@ -86,7 +89,8 @@ def inspect_file(file: ExportedFile, profile: ScanProfile, vendor: str | None = 
         acquired=_acquired(header, file),
         complete=finished and header.rows_scanned is None,
         problems=tuple(problems),
-        notes=header.notes + frame_metadata.unread_time_notes(header) + _advice(header, profile),
+        notes=_notes(header, values) + _advice(header, profile),
+        geometry=header.geometry,
     )
 
 
@@ -108,7 +112,8 @@ def inspect_sidecar(name: str, sidecar: bytes, mtime_ns: int, profile: ScanProfi
         values=values,
         acquired=_acquired(header, file),
         problems=(no_image,) if gap is None else (no_image, gap),
-        notes=header.notes + frame_metadata.unread_time_notes(header) + _advice(header, profile),
+        notes=_notes(header, values) + _advice(header, profile),
+        geometry=header.geometry,
     )
 
 
@@ -127,6 +132,7 @@ def as_json(inspection: Inspection, path: str) -> dict[str, object]:
         "acquired": _json(inspection.acquired),
         "complete": inspection.complete,
         "problems": [*inspection.problems, *inspection.notes],
+        "geometry": {field.name: _json(getattr(inspection.geometry, field.name) or _UNKNOWN) for field in fields(ScanGeometry)},
     }
 
 
@@ -180,6 +186,12 @@ def _content(parsed: ParsedFile, height: int) -> tuple[bool, str | None]:
         zeros = greyscale.count_blank_rows(image) < height and not image[-1].any()
         return not zeros, _without_name(name, error)
     return True, None
+
+
+def _notes(header: Header, values: dict[str, SourcedValue]) -> tuple[str, ...]:
+    width_m = values["pixel_size_m"].value
+    geometry = geometry_notes(header.geometry, width_m if isinstance(width_m, float) else None)
+    return header.notes + geometry + frame_metadata.unread_time_notes(header)
 
 
 def _advice(header: Header, profile: ScanProfile) -> tuple[str, ...]:

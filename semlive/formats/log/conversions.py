@@ -90,6 +90,7 @@ def scan_message(info: FrameInfo, frame: int | None = None, load: FrameLoad | No
         start_anchor=info.start_anchor,
         embedded_time_ns=info.embedded_time_ns,
         notes=info.notes,
+        geometry=info.geometry,
     )
 
 
@@ -110,6 +111,7 @@ def frame_info(message: ScanMessage) -> FrameInfo:
         start_anchor=message.start_anchor,
         embedded_time_ns=message.embedded_time_ns,
         notes=message.notes,
+        geometry=message.geometry,
     )
 
 

@@ -6,7 +6,10 @@ from dataclasses import dataclass, field
 
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, Sourced
+from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.metadata.timestamps import Moment
+
+_STATES = {**dict.fromkeys(("on", "yes", "true"), True), **dict.fromkeys(("off", "no", "false"), False)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +34,7 @@ class Header:
         embedded: date and time in the file.
         unread_time: date and time as written in the file, if they were not understood; empty otherwise.
         column: settings of the microscope.
+        geometry: settings of the scan that change the geometry of the image.
         refused: reason why the image must not be used, without the name of the file.
         notes: unusual properties, one sentence each.
     """
@@ -52,6 +56,7 @@ class Header:
     embedded: Moment | None = None
     unread_time: str = ""
     column: ColumnSettings = field(default_factory=ColumnSettings)
+    geometry: ScanGeometry = field(default_factory=ScanGeometry)
     refused: str | None = None
     notes: tuple[str, ...] = ()
 
@@ -64,6 +69,12 @@ def from_file(value: float | None) -> Sourced[float] | None:
 def text_from_file(value: str) -> Sourced[str] | None:
     """Return a text of the file with its provenance, shortened to 80 characters."""
     return Sourced(value[:80], Provenance.FILE) if value else None
+
+
+def switch(text: str | None) -> Sourced[bool] | None:
+    """Return the state of a switch with its provenance; None for texts that state none."""
+    state = _STATES.get((text or "").strip().lower())
+    return None if state is None else Sourced(state, Provenance.FILE)
 
 
 def derived(value: float | None) -> Sourced[float] | None:

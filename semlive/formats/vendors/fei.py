@@ -6,6 +6,11 @@ Observations on real files:
   computed from the dwell. LineTime includes all passes of line integration; dwell is that of one pass.
 - The duration of the scan is FrameTime times the integrated frames, ``[Image] Integrate``; ``[Scan] Integrate`` may be 1 in the same file.
 - The rows of the file beyond ``[Image] ResolutionY`` are the databar; ``DatabarHeight`` is 0 in files with a databar.
+- Of a reduced area, ``[Image]`` contains the size of the full frame; the scanned part is HorFieldsize / PixelWidth columns and
+  VerFieldsize / PixelHeight rows (2243 x 1088 of 3072 x 2048 px in the header of a Helios 5, public test data of a program that writes
+  such headers: [EBeam] TiltCorrectionIsOn, DynamicFocusIsOn and TiltCorrectionAngle in rad are from there, too). XML text contains the
+  area as ``ScanSettings/ScanArea`` of ``ScanSettings/ScanSize``, and ``Optics/SampleTiltCorrectionOn`` (FAIRmat-NFDI/pynxtools-em,
+  docs/reference/tiff_fei.md). ZoomFactor, ScanInterlacing and LensMode are in `FEI-Helios-Ebeam-8bits.tif` of hyperspy/rosettasciio.
 """
 
 from __future__ import annotations
@@ -16,7 +21,9 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from semlive.data.frame import ColumnSettings
-from semlive.formats.metadata.header import Header, from_file, text_from_file
+from semlive.data.scan import Provenance, Sourced
+from semlive.data.scan_geometry import FULL_FRAME, ScanGeometry
+from semlive.formats.metadata.header import Header, from_file, switch, text_from_file
 from semlive.formats.metadata.quantity import number, positive, unread_notes
 from semlive.formats.metadata.timestamps import Acquired, acquired, iso
 from semlive.formats.vendors.tiff import Directory, Tag
@@ -33,6 +40,7 @@ _USED = (
     "Image/Integrate",
 )
 """Numbers without which another value is used."""
+_PRINTED = 1.00001  # factor for values that headers print with six digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,21 +113,22 @@ def parse_xml(text: str) -> dict[str, str]:
     return values
 
 
-def read_header(data: bytes, directory: Directory, mtime_ns: int = 0) -> Header | None:
+def read_header(data: bytes, directory: Directory, width: int, rows: int, mtime_ns: int = 0) -> Header | None:
     """Return the header of an FEI file; None for other files."""
     text = read_text(data, directory)
-    return None if text is None else header(text, mtime_ns)
+    return None if text is None else header(text, width, rows, mtime_ns)
 
 
-def header(text: FeiText, mtime_ns: int = 0) -> Header:
-    """Return the metadata of the scan from the text of an FEI file; the modification time decides between orders of day and month."""
+def header(text: FeiText, width: int | None = None, rows: int = 0, mtime_ns: int = 0) -> Header:
+    """Return the metadata of the scan from the text of an FEI file whose image has `width` columns, if known, and `rows` rows."""
     time = _acquired(text, mtime_ns)
+    area = _area(text, width, rows)
     frames = text.number("Image/Integrate", "EScan/Integrate", "Scan/Integrate") or _frames_filtered(text)
     return Header(
         vendor="fei",
         instrument=text.text("System/SystemType", "Instrument/InstrumentModel", "Instrument/InstrumentClass"),
-        width_px=text.number("Image/ResolutionX"),
-        height_px=text.number("Image/ResolutionY"),
+        width_px=area.width_px,
+        height_px=area.height_px,
         dwell_time_s=from_file(text.number("EScan/Dwell", "Scan/Dwelltime", "ScanSettings/DwellTime")),
         row_time_s=from_file(text.number("EScan/LineTime", "ScanSettings/LineTime")),
         frame_time_s=from_file(text.number("EScan/FrameTime", "Scan/FrameTime", "ScanSettings/FrameTime")),
@@ -129,7 +138,8 @@ def header(text: FeiText, mtime_ns: int = 0) -> Header:
         embedded=time.moment,
         unread_time=time.unread,
         column=_column(text),
-        refused=_processed(text),
+        geometry=_geometry(text, area),
+        refused=_processed(text) or area.refused,
         notes=_notes(text) + time.notes,
     )
 
@@ -144,15 +154,83 @@ def _column(text: FeiText) -> ColumnSettings:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Area:
+    """Expected size of the image, the part of the full frame that was scanned, and why the image cannot be that part."""
+
+    width_px: float | None
+    height_px: float | None
+    name: str
+    refused: str | None = None
+
+
+def _area(text: FeiText, width: int | None, rows: int) -> _Area:
+    """Return the scanned area: that of the header if the image has its size, otherwise the full frame."""
+    full_x, full_y = text.number("Image/ResolutionX", "ScanSize/Width"), text.number("Image/ResolutionY", "ScanSize/Height")
+    stated = text.number("Image/ResolutionX"), text.number("Image/ResolutionY")
+    x = _points(text, "HorFieldsize", "PixelWidth") or text.number("ScanArea/Width")
+    y = _points(text, "VerFieldsize", "PixelHeight") or text.number("ScanArea/Height")
+    if x is None or y is None or full_x is None or full_y is None or width is None:
+        return _Area(*stated, "")
+    if (x, y) == (full_x, full_y) or x > full_x or y > full_y:
+        return _Area(*stated, FULL_FRAME)
+    part = f"{x:g} x {y:g} of {full_x:g} x {full_y:g} px"
+    has_full_size = width == full_x and rows >= full_y
+    if width == x and rows >= y and not has_full_size:
+        offset = text.text("ScanArea/X"), text.text("ScanArea/Y")
+        return _Area(x, y, f"{part} from ({', '.join(offset)})" if all(offset) else part)
+    line_s, frame_s = text.number("EScan/LineTime", "ScanSettings/LineTime"), text.number("EScan/FrameTime", "ScanSettings/FrameTime")
+    if has_full_size and (line_s is None or frame_s is None or frame_s * _PRINTED >= full_y * line_s):
+        return _Area(*stated, FULL_FRAME)
+    return _Area(None, None, part, f"only a reduced area of {part} was scanned, but it has {width} x {rows} px; export that area unscaled.")
+
+
+def _points(text: FeiText, field: str, pixel: str) -> float | None:
+    """Return the number of scanned points along a side of the field; None if the header does not contain it."""
+    field_m, pixel_m = text.number(f"EScan/{field}", f"Scan/{field}"), text.number(f"EScan/{pixel}", f"Scan/{pixel}")
+    return None if field_m is None or pixel_m is None else float(round(field_m / pixel_m))
+
+
+def _geometry(text: FeiText, area: _Area) -> ScanGeometry:
+    tilt = switch(text.text("EBeam/TiltCorrectionIsOn", "Optics/SampleTiltCorrectionOn"))
+    angle_rad = number(text.text("EBeam/TiltCorrectionAngle", "Optics/SamplePreTiltAngle"))
+    focus = [state for key in ("EBeam/DynamicFocusIsOn", "EBeam/DynamicWDIsOn") if (state := switch(text.text(key))) is not None]
+    interlacing = text.number("EScan/ScanInterlacing", "ScanSettings/LineInterlacing")
+    averaging = text.text("Image/DriftCorrected", "BinaryResult/FilterType")
+    corrections = ("MagnificationCorrection", "MagnificationSinglePointCorrectionIsOn")
+    modes = [text.text("EBeam/LensMode", "Optics/OpticalMode"), *(key for key in corrections if _is_on(text, f"EBeam/{key}"))]
+    return ScanGeometry(
+        tilt_correction=tilt,
+        tilt_correction_deg=from_file(math.degrees(angle_rad)) if tilt is not None and tilt.value and angle_rad is not None else None,
+        dynamic_focus=Sourced(any(state.value for state in focus), Provenance.FILE) if focus else None,
+        pixel_height_m=from_file(text.number("EScan/PixelHeight", "Scan/PixelHeight", "PixelSize/Y")),
+        zoom=from_file(text.number("Image/ZoomFactor")),
+        area=text_from_file(area.name),
+        interlacing=None if interlacing is None else Sourced(int(interlacing), Provenance.FILE),
+        drift_correction=Sourced(_is_drift_corrected(text), Provenance.FILE) if averaging else None,
+        mode=text_from_file(", ".join(filter(None, modes))),
+    )
+
+
+def _is_on(text: FeiText, key: str) -> bool:
+    state = switch(text.text(key))
+    return state is not None and state.value
+
+
+def _is_drift_corrected(text: FeiText) -> bool:
+    """Whether frames were shifted before they were averaged; the filter of the XML text does nothing to a single frame."""
+    several = (text.number("BinaryResult/FilterFrameCount") or 0) > 1
+    return _is_on(text, "Image/DriftCorrected") or (several and "DriftCorrected" in text.text("BinaryResult/FilterType"))
+
+
 def _processed(text: FeiText) -> str | None:
     beam = text.text("Beam/Beam")
     scanned = text.number("EScan/Dwell", "Scan/Dwelltime", "ScanSettings/DwellTime", "EScan/LineTime")
     if scanned is None and beam and beam != "EBeam":
         return f"was not scanned with the electron beam ([Beam] Beam={beam[:20]}); export the electron image."
-    if text.text("Image/DriftCorrected").lower() in ("on", "yes", "true"):
-        return "the microscope already corrected drift (DriftCorrected=On); switch drift-corrected integration off."
-    if "DriftCorrected" in text.text("BinaryResult/FilterType") and (text.number("BinaryResult/FilterFrameCount") or 0) > 1:
-        return "the microscope already corrected drift (FilterType=DriftCorrected...); switch drift-corrected integration off."
+    if _is_drift_corrected(text):
+        key = "DriftCorrected=On" if _is_on(text, "Image/DriftCorrected") else "FilterType=DriftCorrected..."
+        return f"the microscope already corrected drift ({key}); switch drift-corrected integration off."
     if (text.number("Image/Average", "EScan/Average", "Scan/Average") or 0) > 1:
         return "is a running average of frames, so its pixels have no scan time; integrate instead of averaging."
     if (text.number("EScan/ScanInterlacing", "ScanSettings/LineInterlacing") or 1) > 1:

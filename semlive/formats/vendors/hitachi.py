@@ -3,6 +3,8 @@
 It contains no scan time, only a name such as ``Slow3``, which ``sem.scan_profiles`` maps to times. ``DataSize`` includes the databar,
 so its height has to be configured. The order of day and month depends on the computer (``16/08/2016`` in one file,
 while Bio-Formats expects the month first): if both are possible, the date closer to the modification time of the file is used.
+``DigitalZoom`` and ``LensMode`` are in `tm3000_sidecar_blocen.txt` of blocen/SEM_image_TIF_metadata; no key of tilt correction, dynamic
+focus or interlacing is known.
 """
 
 from __future__ import annotations
@@ -11,8 +13,9 @@ import re
 from collections.abc import Mapping
 
 from semlive.data.frame import ColumnSettings
+from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.metadata import key_value
-from semlive.formats.metadata.header import Header, from_file, text_from_file
+from semlive.formats.metadata.header import Header, from_file, switch, text_from_file
 from semlive.formats.metadata.quantity import number, positive, quantity, unread_notes
 from semlive.formats.metadata.timestamps import acquired
 
@@ -46,8 +49,18 @@ def header(values: Mapping[str, str], mtime_ns: int) -> Header:
             magnification=from_file(_above_zero(values.get("Magnification", ""))),
             scan_rotation_deg=from_file(number(values.get("Rotation"))),
         ),
+        geometry=_geometry(values),
         notes=unread_notes((key, values.get(key, "")) for key in ("PixelSize", "Magnification")) + time.notes,
     )
+
+
+def _geometry(values: Mapping[str, str]) -> ScanGeometry:
+    """Return digital zoom as a factor, or as a mode if the file contains only that it is on."""
+    zoom = values.get("DigitalZoom", "")
+    is_on = switch(zoom)
+    factor = 1.0 if is_on is not None and not is_on.value else positive(zoom.lower().strip("x "))
+    modes = (values.get("LensMode", ""), "digital zoom" if is_on is not None and is_on.value else "")
+    return ScanGeometry(zoom=from_file(factor), mode=text_from_file(", ".join(filter(None, modes)) or ("normal" if is_on else "")))
 
 
 def _above_zero(text: str) -> float | None:

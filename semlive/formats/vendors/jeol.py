@@ -2,7 +2,9 @@
 
 It contains no scan time, only numbers of scan speeds, which ``sem.scan_profiles`` maps to times. Rows beyond ``$CM_FULL_SIZE`` are
 databar. The pixel size comes from the micron bar, whose length is an integer in px: 53 px for 100 um are accurate to 1 %. Without the
-bar there is only the magnification, which needs a calibration: on a 7001F a rule of thumb was 5.7 % off.
+bar there is only the magnification, which needs a calibration: on a 7001F a rule of thumb was 5.7 % off. ``$$SM_COLUMN_MODE`` and
+``$$CM_SCAN_MODE`` (a number whose meaning is not public) are compared as they are; no key of tilt correction, dynamic focus or zoom is in
+the public files (IT500 and 4700F of delmic/odemis, 7001F and 8530F of misasa/multi_stage).
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import re
 from collections.abc import Mapping
 
 from semlive.data.frame import ColumnSettings
+from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.metadata import key_value
 from semlive.formats.metadata.header import Header, derived, from_file, text_from_file
 from semlive.formats.metadata.quantity import number, positive, quantity, unread_notes
@@ -49,8 +52,14 @@ def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
             magnification=from_file(positive(values.get("$CM_MAG"))),
             scan_rotation_deg=from_file(number(values.get("$$SM_SCAN_ROTATION"))),
         ),
+        geometry=ScanGeometry(mode=text_from_file(_mode(values))),
         notes=notes + unread_notes((key, values.get(key, "")) for key in _USED) + time.notes,
     )
+
+
+def _mode(values: Mapping[str, str]) -> str:
+    modes = (("column", "$$SM_COLUMN_MODE"), ("scan", "$$CM_SCAN_MODE"), ("integration", "$$SM_IMAGE_INTEGRATION_TYPE"))
+    return ", ".join(f"{name} {values[key]}" for name, key in modes if values.get(key))
 
 
 def _pixel_size(values: Mapping[str, str]) -> tuple[float | None, tuple[str, ...]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.errors import BadImage
-from semlive.formats.vendors.tiff import check_inflation, check_size
+from semlive.formats.vendors.image_size import check_inflation, check_size
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 

@@ -2,7 +2,9 @@
 
 A block is its length (u32, of kind and content), its kind (u16) and its content. The header contains the dwell time, but neither row
 nor frame time: those come from ``sem.scan_profiles``, by ``ScanSpeed``. Its date is that of the scan; the DateTime tag of TIFF was
-11 s later in a file of a MIRA3, and is not read.
+11 s later in a file of a MIRA3, and is not read. ``TiltCorrection`` is an angle in degrees, 0 while it is off, and ``ScanMode`` one of
+the modes of the column, such as ``WIDE FIELD``, each with its own distortion (`tescan_example_sem1.tif` of delmic/odemis; the extractor of
+datasophos/NexusLIMS lists the keys of both sections; none is about dynamic focus).
 """
 
 from __future__ import annotations
@@ -11,6 +13,8 @@ import struct
 from collections.abc import Mapping
 
 from semlive.data.frame import ColumnSettings
+from semlive.data.scan import Provenance, Sourced
+from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.metadata import key_value
 from semlive.formats.metadata.header import Header, from_file, text_from_file
 from semlive.formats.metadata.quantity import number, positive, unread_notes
@@ -18,7 +22,6 @@ from semlive.formats.metadata.timestamps import acquired
 from semlive.formats.vendors.tiff import Directory, Tag
 
 _MAX_BLOCKS = 64
-_SAME_EDGES = 1e-3
 _USED = ("ImageStripSize", "PixelSizeX", "PixelSizeY", "DwellTime", "AccFrames")
 """Numbers without which another value is used."""
 
@@ -63,7 +66,8 @@ def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
     time = acquired(values.get("Date", ""), values.get("Time", ""), "ymd", mtime_ns)
     strip = number(values.get("ImageStripSize"))
     x_m, y_m = positive(values.get("PixelSizeX")), positive(values.get("PixelSizeY"))
-    uneven = x_m is not None and y_m is not None and abs(x_m - y_m) > _SAME_EDGES * x_m
+    tilt_deg, averaging = number(values.get("TiltCorrection")), values.get("AccType", "")
+    drift_corrected = "drift" in averaging.lower()
     return Header(
         vendor="tescan",
         instrument=values.get("Device", ""),
@@ -81,7 +85,13 @@ def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
             magnification=from_file(positive(values.get("Magnification"))),
             scan_rotation_deg=from_file(number(values.get("ScanRotation"))),
         ),
-        notes=((f"its pixels are not square: {x_m:g} m wide and {y_m:g} m high; the width is used.",) if uneven else ())
-        + unread_notes((key, values.get(key, "")) for key in _USED)
-        + time.notes,
+        geometry=ScanGeometry(
+            tilt_correction=None if tilt_deg is None else Sourced(tilt_deg != 0, Provenance.FILE),
+            tilt_correction_deg=from_file(tilt_deg or None),
+            pixel_height_m=from_file(y_m),
+            drift_correction=Sourced(drift_corrected, Provenance.FILE) if averaging else None,
+            mode=text_from_file(values.get("ScanMode", "")),
+        ),
+        refused=f"the microscope already corrected drift (AccType={averaging[:40]}); accumulate without it." if drift_corrected else None,
+        notes=unread_notes((key, values.get(key, "")) for key in _USED) + time.notes,
     )

@@ -8,27 +8,44 @@ Observations on real files:
 - ``AP_PIXEL_SIZE`` and the fourth number are for an image 1024 px wide.
 - A file may be saved in the middle of a scan: ``Busy``, ``DP_FROZEN = Live``, and ``AP_LINE_COUNTER`` is the number of scanned rows.
 - Annotation is burnt into the image; no key contains its first row.
+- ``DP_TILT_CORRECTION``, ``DP_DYNFOCUS``, ``DP_ZOOM`` and ``DP_SCAN_ROT`` are the states of switches; ``AP_TILT_ANGLE``,
+  ``AP_ZOOM_FACTOR`` and ``AP_SCANROTATION`` keep their last values while the switch is off (Crossbeam 550,
+  `zeiss_example_sem.tif` of delmic/odemis). No key states whether the raster was reduced: ``AP_RED_RASTER_W`` is there always.
+- ``AP_WIDTH`` and ``AP_HEIGHT`` are the field of the stored image, printed with four digits.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, Sourced
-from semlive.formats.metadata.header import Header, derived, from_file, text_from_file
+from semlive.data.scan_geometry import ScanGeometry
+from semlive.formats.metadata.header import Header, derived, from_file, switch, text_from_file
 from semlive.formats.metadata.quantity import Quantity, number, quantity, unread_notes
 from semlive.formats.metadata.timestamps import Acquired, acquired
 from semlive.formats.vendors.tiff import Directory, Tag
 
 _MAX_TEXT_BYTES = 2**20
+_KEY_STARTS = ("AP_", "DP_", "SV_")
 _KEY = re.compile(r"(?:AP|DP|SV)_[A-Z0-9_]{1,40}")
 _DISPLAY_PX = 1024
 _PIXEL_SIZE_AT = 3
 _SAME_PIXEL_SIZE = 1e-2
 _USED = ("AP_LINE_TIME", "AP_FRAME_TIME", "AP_PIXEL_SIZE", "AP_IMAGE_PIXEL_SIZE", "AP_LINE_AVERAGE_COUNT", "AP_FRAME_INT_COUNT")
 """Numbers without which another value is used."""
+_MODES = {
+    "DP_FIELD_MODE": "field mode",
+    "DP_FISHEYE_MODE": "fish-eye",
+    "DP_LOW_MAG": "low magnification",
+    "DP_HIGH_RESOLUTION_MODE": "high resolution",
+    "DP_LINE_SCAN": "line scan",
+    "DP_WINDOWING": "windowing",
+    "DP_EXT_SCAN_CONTROL": "external scan",
+    "DP_SCAN_ORTHOG": "orthogonality correction",
+}  # switches of scan and column that have their own distortion
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,11 +88,10 @@ def parse(text: str) -> ZeissText:
     """Return lines by key; the first of equal keys is used."""
     lines = [line.strip() for line in text[:_MAX_TEXT_BYTES].split("\0", 1)[0].splitlines()]
     by_key: dict[str, str] = {}
-    first = len(lines)
-    for at in range(len(lines) - 1):
-        if _KEY.fullmatch(lines[at]):
-            by_key.setdefault(lines[at], lines[at + 1])
-            first = min(first, at)
+    for key, line in pairwise(lines):
+        if key.startswith(_KEY_STARTS) and key not in by_key and _KEY.fullmatch(key):
+            by_key[key] = line
+    first = lines.index(next(iter(by_key))) if by_key else len(lines)
     numbers = [number(line) for line in lines[: min(first, 100)]]
     return ZeissText(by_key, tuple(value for value in numbers if value is not None))
 
@@ -112,6 +128,7 @@ def header(text: ZeissText, width: int, rows: int, mtime_ns: int = 0) -> Header:
             magnification=from_file(text.value("AP_MAG")),
             scan_rotation_deg=_rotation(text),
         ),
+        geometry=_geometry(text, width, rows, pixel),
         refused=refused,
         notes=notes + pixel_notes + unread_notes((key, text.text(key)) for key in _USED) + time.notes,
     )
@@ -168,6 +185,35 @@ def _pixel_size(text: ZeissText, width: int) -> tuple[Sourced[float] | None, tup
         note = f"its pixel size is {stated.value:g} m by AP_IMAGE_PIXEL_SIZE and {scaled_m:g} m by its block of numbers; the first is used."
         return from_file(stated.value), (note,)
     return Sourced(scaled_m, Provenance.FILE if width == _DISPLAY_PX else Provenance.DERIVED), ()
+
+
+def _geometry(text: ZeissText, width: int, rows: int, pixel: Sourced[float] | None) -> ScanGeometry:
+    tilt, zoom = switch(text.text("DP_TILT_CORRECTION")), switch(text.text("DP_ZOOM"))
+    angle = quantity(text.text("AP_TILT_ANGLE")) if tilt is not None and tilt.value else None
+    states = {name: switch(text.text(key)) for key, name in _MODES.items()}
+    on = ", ".join(name for name, state in states.items() if state is not None and state.value)
+    factor = None if zoom is None else text.value("AP_ZOOM_FACTOR") if zoom.value else 1.0
+    averaging = text.text("DP_NOISE_REDUCTION").lower()
+    return ScanGeometry(
+        tilt_correction=tilt,
+        tilt_correction_deg=from_file(None if angle is None else angle.value),
+        dynamic_focus=switch(text.text("DP_DYNFOCUS")),
+        pixel_height_m=_pixel_height(text, width, rows, pixel),
+        zoom=from_file(factor),
+        drift_correction=Sourced(averaging.startswith("drift"), Provenance.FILE) if averaging else None,
+        mode=text_from_file((on or "normal") if any(state is not None for state in states.values()) else ""),
+    )
+
+
+def _pixel_height(text: ZeissText, width: int, rows: int, pixel: Sourced[float] | None) -> Sourced[float] | None:
+    """Return the distance of rows from the field of the image; the pixel size if both are equal within the printed digits."""
+    field_x, field_y = text.quantity("AP_WIDTH"), text.quantity("AP_HEIGHT")
+    if field_x is None or field_y is None:
+        return None
+    x_m, y_m = field_x.value / width, field_y.value / rows
+    if abs(x_m - y_m) <= field_x.half_digit / width + field_y.half_digit / rows:
+        return derived(x_m if pixel is None else pixel.value)
+    return derived(y_m)
 
 
 def _rotation(text: ZeissText) -> Sourced[float] | None:

@@ -159,3 +159,8 @@ def xy_parameters(unit: str, per_px: float = 1.0) -> tuple[ReportedParameter, ..
     """Reported parameters of the amplitudes of a shape along x and along y: ``x_<unit>`` and ``y_<unit>``."""
     name = unit.replace("/", "_per_").lower()
     return tuple(ReportedParameter(f"{axis}_{name}", unit, row * per_px) for axis, row in zip("xy", np.eye(2), strict=True))
+
+
+def values_grid(name: str, values: Sequence[float]) -> Callable[[RunGeometry], Iterable[Values]]:
+    """Return the grid of an effect with one nonlinear parameter that takes the same values in every run."""
+    return lambda _: ({name: float(value)} for value in values)

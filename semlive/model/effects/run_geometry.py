@@ -11,6 +11,27 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FrameSteps:
+    """The step of the plan before each frame.
+
+    Attributes:
+        loaded: (f,) whether the pair belongs to the tension phase.
+        gradient_free: (f,) whether the displacement gradient of the specimen is free in the pair; calibration pairs have rigid motion.
+        load_n: (f,) mean load, 0 without a load frame.
+        load_change_n: (f,) change of the load by the step before the pair, N.
+        move_px: (f, 2) commanded translation by the step before the pair, px.
+        since_step_s: (f,) time from the end of that step to the start of the scan, s.
+    """
+
+    loaded: NDArray[np.bool_]
+    gradient_free: NDArray[np.bool_]
+    load_n: Array
+    load_change_n: Array
+    move_px: Array
+    since_step_s: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class RunGeometry:
     """Arrays over frames (f) and blocks (b), frame 0 first.
 
@@ -25,13 +46,8 @@ class RunGeometry:
         half_px: half of the image width.
         frame: (f,) numbers of the frames.
         pair: (f,) numbers of their pairs.
-        loaded: (f,) whether the pair belongs to the tension phase.
-        gradient_free: (f,) whether the displacement gradient of the specimen is free in the pair; calibration pairs have rigid motion.
         start_s: (f,) start of the scan, seconds after that of frame 0.
-        load_n: (f,) mean load, 0 without a load frame.
-        load_change_n: (f,) change of the load by the step before the pair, N.
-        move_px: (f, 2) commanded translation by the step before the pair, px.
-        since_step_s: (f,) time from the end of that step to the start of the scan, s.
+        steps: the step of the plan before each frame.
         drift_knot_s: knot distance of the drift spline, s.
         distortion_knot_px: largest knot distance of the distortion spline, px.
     """
@@ -46,13 +62,8 @@ class RunGeometry:
     half_px: float
     frame: NDArray[np.int64]
     pair: NDArray[np.int64]
-    loaded: NDArray[np.bool_]
-    gradient_free: NDArray[np.bool_]
     start_s: Array
-    load_n: Array
-    load_change_n: Array
-    move_px: Array
-    since_step_s: Array
+    steps: FrameSteps
     drift_knot_s: float
     distortion_knot_px: float
 
@@ -69,13 +80,13 @@ class RunGeometry:
     @property
     def load(self) -> Array:
         """(f, 1) load relative to the highest load of the run; zero without a load frame."""
-        highest = float(np.abs(self.load_n).max())
-        return np.where(self.loaded, self.load_n / (highest or 1.0), 0.0)[:, None]
+        highest = float(np.abs(self.steps.load_n).max())
+        return np.where(self.steps.loaded, self.steps.load_n / (highest or 1.0), 0.0)[:, None]
 
     @property
     def highest_n(self) -> float:
         """The highest load of the run, N."""
-        return float(np.abs(self.load_n).max())
+        return float(np.abs(self.steps.load_n).max())
 
     @property
     def end_s(self) -> float:
@@ -90,7 +101,7 @@ class RunGeometry:
     @property
     def since_step_at_s(self) -> Array:
         """(f, b) time since the end of the step before the pair, s."""
-        return self.since_step_s[:, None] + self.time_in_frame_s
+        return self.steps.since_step_s[:, None] + self.time_in_frame_s
 
 
 def field_column(u: Array, v: Array) -> Array:
@@ -112,7 +123,7 @@ def times_time_columns(shape: Array, columns: Array) -> Array:
 def exponential_decay(scene: RunGeometry, steps: Array, time_constant_s: float) -> Array:
     """(f, b, c) sum of the exponential decays exp(-(T - T_k) / tau) of all steps (f, c) so far."""
     first = np.flatnonzero(np.diff(scene.pair, prepend=scene.pair[0] - 1))
-    since_s = scene.time_s - (scene.start_s - scene.since_step_s)[first, None, None]
+    since_s = scene.time_s - (scene.start_s - scene.steps.since_step_s)[first, None, None]
     decay = np.where(since_s >= 0.0, np.exp(-np.maximum(since_s, 0.0) / time_constant_s), 0.0)
     return np.einsum("kfb,kc->fbc", decay, steps[first])
 

@@ -6,7 +6,6 @@ import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.io import savemat
@@ -53,7 +52,7 @@ class MatWriter:
         self._stream.close()
         self._part.finish(complete)
 
-    def _put(self, name: str, value: Any) -> None:
+    def _put(self, name: str, value: object) -> None:
         alone = io.BytesIO()
         savemat(alone, {name: value}, long_field_names=True, oned_as="column", do_compression=True)
         data = alone.getvalue()

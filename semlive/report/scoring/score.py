@@ -57,7 +57,7 @@ class Score:
         limit = np.sqrt(_chi_square(level ** (1.0 / self.candidates), self.freedom) / self.freedom)
         return abs(self.error) <= float(limit) * self.sigma
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """JSON object of the score."""
         numbers = {"truth": self.truth, "value": self.value, "sigma": self.sigma, "error": self.error, "unit": self.unit}
         return {**numbers, **{f"inside{percent}": self.covers(level) for percent, level in LEVELS.items()}}

@@ -8,11 +8,11 @@ from pydantic import BaseModel
 
 from semlive.data.alerts import AlertEvent
 from semlive.data.faults import FaultKind
-from semlive.data.operator_prompts import PromptEvent
-from semlive.data.text import printable
 from semlive.engine import Cause, State
 from semlive.engine.states import FINAL_STATES
 from semlive.formats.log.messages import FaultMessage, OperatorMessage, StateMessage
+from semlive.inputs.printable import printable
+from semlive.ports import PromptEvent
 
 _NOT_URGENT = frozenset((FaultKind.MODEL_WARNING, FaultKind.PAIR_UNUSABLE, FaultKind.POINTS_NOT_CALIBRATED))
 """Faults of single results: the run continues, and the page shows them."""

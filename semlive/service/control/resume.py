@@ -6,7 +6,6 @@ The log is the only source: pairs, readings and exports up to its truncation.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from semlive.errors import BadConfig, BadLog
 from semlive.formats.log.messages import (
@@ -60,11 +59,11 @@ def _require_same_configuration(folder: Path, run: RunMessage, config: Config) -
             )
 
 
-def _flat(section: Any, place: str = "") -> dict[str, Any]:
+def _flat(section: object, place: str = "") -> dict[str, object]:
     if not isinstance(section, dict) or not section:
         return {place: section}
     return {key: value for name, part in section.items() for key, value in _flat(part, f"{place}.{name}" if place else str(name)).items()}
 
 
-def _format_value(flat: dict[str, Any], key: str) -> str:
+def _format_value(flat: dict[str, object], key: str) -> str:
     return "absent" if key not in flat else "empty" if flat[key] is None else str(flat[key])

@@ -16,10 +16,9 @@ from functools import partial
 from typing import Any, Generic, TypeVar
 
 from semlive.data.faults import FaultCode
-from semlive.data.operator_prompts import OperatorPrompt
 from semlive.engine import Device, DeviceFault, OperatorAction, OperatorCommand
 from semlive.formats.log.messages import OperatorMessage
-from semlive.ports import ClockSource, OperatorInterface
+from semlive.ports import ClockSource, OperatorInterface, OperatorPrompt
 from semlive.service.control.control import Control
 from semlive.service.log.alarms import acknowledgements
 from semlive.service.log.run_log import RunLog

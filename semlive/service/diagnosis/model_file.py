@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -25,9 +24,9 @@ from semlive.model.effects.stage import non_map_effect
 from semlive.pipeline.effect_correction import MAX_PAIRS, incompatibility_reason
 from semlive.service.config.configuration import Config, parse_config
 from semlive.service.config.model_section import ModelEffectConfig, ModelRun, ModelSection
-from semlive.service.diagnosis.run import effect_json
-from semlive.service.log.files import messages, segments
-from semlive.service.log.pairs import first_run
+from semlive.service.diagnosis.verdict_json import effect_json
+from semlive.service.log.files import segments
+from semlive.service.log.opened_log import OpenedLog
 
 MODEL_VERSION = 1
 MAX_MODEL_BYTES = 20_000_000
@@ -54,7 +53,7 @@ class Model:
     """
 
     section: ModelSection | None = None
-    text: tuple[dict[str, Any], ...] = ()
+    text: tuple[dict[str, object], ...] = ()
     name: str = "none"
 
     @property
@@ -103,9 +102,9 @@ def _required_parameters(name: str) -> set[str]:
     return {"frequency_hz"} if isinstance(non_map, RowEffectClass) and non_map.matches_frequency else set()
 
 
-def model_of(log: Path) -> Model:
+def model_of(log: OpenedLog) -> Model:
     """The model that a run used; an empty model if it used none."""
-    config = first_run(log).config
+    config = log.run.config
     if config.get("model") is None:
         return Model()
     section = parse_config(config, "the run's configuration").model
@@ -124,7 +123,7 @@ def config_with_model(config: Config, path: Path | None, resume: bool) -> Config
     if path is not None:
         model = read_model(path)
     elif resume and config.model is None and segments(folder):
-        model = model_of(folder)
+        model = model_of(OpenedLog(folder))
     else:
         model = Model(config.model, name=f"of {config.run.name}")
         _require_in_dictionary(() if config.model is None else config.model.effects, model.name)
@@ -162,28 +161,28 @@ def require_compatible(model: Model, size_px: tuple[int, int] | None, pixel_size
         )
 
 
-def compatible_model(log: Path, path: Path) -> Model:
+def compatible_model(log: OpenedLog, path: Path) -> Model:
     """Read a model for use with a log.
 
     Raises:
         BadConfig: the file is no model, or belongs to another magnification or frame size than the log.
     """
     model = read_model(path)
-    require_compatible(model, _frame_size(log), pixel_size_um(log), log.name)
+    require_compatible(model, _frame_size(log), pixel_size_um(log), log.path.name)
     return model
 
 
-def _frame_size(log: Path) -> tuple[int, int] | None:
-    for message in messages(log):
-        if message.topic == "/pair":
-            pair = from_json(message.topic, message.payload)
-            assert isinstance(pair, PairMessage)  # by its topic
-            decision = pair_decision(pair)
-            return decision.first.width_px, decision.first.height_px
-    return None
+def _frame_size(log: OpenedLog) -> tuple[int, int] | None:
+    message = log.first("/pair")
+    if message is None:
+        return None
+    pair = from_json(message.topic, message.payload)
+    assert isinstance(pair, PairMessage)  # by its topic
+    decision = pair_decision(pair)
+    return decision.first.width_px, decision.first.height_px
 
 
-def model_json(verdict: Diagnosis, log: Path, parent: Model) -> dict[str, Any]:
+def model_json(verdict: Diagnosis, log: OpenedLog, parent: Model) -> dict[str, object]:
     """Content of a model file: the effects of the parent model and the identified ones."""
     return {
         "version": MODEL_VERSION,
@@ -191,20 +190,25 @@ def model_json(verdict: Diagnosis, log: Path, parent: Model) -> dict[str, Any]:
         "outcome": verdict.outcome.value,
         "effects": [*parent.text, *(_effect_entry(effect) for effect in verdict.effects)],
         "gap_closure": None if verdict.gap is None else verdict.gap.closure,
-        "run": {"end_s": verdict.duration_s, "width_px": verdict.size_px[0], "height_px": verdict.size_px[1], **_pixel_size(log)},
-        "data_sha256": _hash(log),
+        "run": {
+            "end_s": verdict.run.duration_s,
+            "width_px": verdict.run.size_px[0],
+            "height_px": verdict.run.size_px[1],
+            **_pixel_size(log),
+        },
+        "data_sha256": _hash(log.path),
         "made_utc": datetime.now(UTC).isoformat(timespec="seconds"),
     }
 
 
-def write_model(path: Path, verdict: Diagnosis, log: Path, parent: Model) -> None:
+def write_model(path: Path, verdict: Diagnosis, log: OpenedLog, parent: Model) -> None:
     """Write `model_json` to a file atomically."""
     part = path.with_name(path.name + ".part")
     part.write_text(json.dumps(model_json(verdict, log, parent), indent=1) + "\n", encoding="utf-8")
     part.replace(path)
 
 
-def _effect_entry(effect: IdentifiedEffect) -> dict[str, Any]:
+def _effect_entry(effect: IdentifiedEffect) -> dict[str, object]:
     basis_field = {"family": effect.model_effect.name, "values": dict(effect.model_effect.values), "size_px": effect.model_effect.size_px}
     return {
         **effect_json(effect),
@@ -212,15 +216,15 @@ def _effect_entry(effect: IdentifiedEffect) -> dict[str, Any]:
     }
 
 
-def _pixel_size(log: Path) -> dict[str, float]:
+def _pixel_size(log: OpenedLog) -> dict[str, float]:
     """Pixel size from the configuration of the run; empty for imported logs without it."""
     size = pixel_size_um(log)
     return {} if size is None else {"pixel_size_um": size}
 
 
-def pixel_size_um(log: Path) -> float | None:
+def pixel_size_um(log: OpenedLog) -> float | None:
     """Pixel size of a run's frames from its configuration, um; None if unknown."""
-    sem = first_run(log).config.get("sem")
+    sem = log.run.config.get("sem")
     size = sem.get("pixel_size_um") if isinstance(sem, dict) else None
     return float(size) if isinstance(size, int | float) else None
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -51,53 +50,53 @@ def scenario_yaml(model: Path, scenario: str) -> str:
     return yaml.safe_dump({"extends": scenario, "effects": effects}, sort_keys=False)
 
 
-def _slow(own: str) -> Callable[[EffectParameters, EffectParameters], dict[str, Any]]:
-    def with_time_constant(values: EffectParameters, run: EffectParameters) -> dict[str, Any]:
+def _slow(own: str) -> Callable[[EffectParameters, EffectParameters], dict[str, object]]:
+    def with_time_constant(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
         return {own: values[own] / -math.expm1(-run["end_s"] / WANDERS_S), "time_constant_s": WANDERS_S}
 
     return with_time_constant
 
 
-def _scattered(own: str) -> Callable[[EffectParameters, EffectParameters], dict[str, Any]]:
+def _scattered(own: str) -> Callable[[EffectParameters, EffectParameters], dict[str, object]]:
     return lambda values, run: {own: values[own], "seed": SEED}
 
 
-def _same_names(*names: str, **more: float) -> Callable[[EffectParameters, EffectParameters], dict[str, Any]]:
+def _same_names(*names: str, **more: float) -> Callable[[EffectParameters, EffectParameters], dict[str, object]]:
     return lambda values, run: {**{name: values[name] for name in names}, **more}
 
 
-def _tilt(values: EffectParameters, run: EffectParameters) -> dict[str, Any]:
+def _tilt(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
     distance_px = 1e3 * WORKING_DISTANCE_MM / run["pixel_size_um"]
     return {"tilt_rad_per_n": values["tilt_over_working_distance_per_n"] * distance_px, "working_distance_mm": WORKING_DISTANCE_MM}
 
 
-def _lift(values: EffectParameters, run: EffectParameters) -> dict[str, Any]:
+def _lift(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
     del run
     return {"lift_um_per_n": values["strain_per_n"] * 1e3 * WORKING_DISTANCE_MM, "working_distance_mm": WORKING_DISTANCE_MM}
 
 
-def _bending(values: EffectParameters, run: EffectParameters) -> dict[str, Any]:
+def _bending(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
     return {"curvature_per_mm_n": values["curvature_per_n"] / (1e-3 * run["pixel_size_um"]), "poissons_ratio": POISSON}
 
 
-def _swing(values: EffectParameters, run: EffectParameters) -> dict[str, Any]:
+def _swing(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
     side = values["amplitude_px"] / math.sqrt(2.0)
     return {"x_px": side, "y_px": side, "period_s": values["period_s"], "phase_rad": 0.0}
 
 
-def _lens(values: EffectParameters, run: EffectParameters) -> dict[str, Any]:
+def _lens(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
     place = [values["x_px"] + 0.5 * (run["width_px"] - 1.0), values["y_px"] + 0.5 * (run["height_px"] - 1.0)]
     peak_px = values["peak_px"] / -math.expm1(-run["end_s"] / CHARGING_S)  # the model contains the charge at the end of the run
     return {"peak_px": peak_px, "width_px": values["width_px"], "brightness_levels": 0.0, "charging_s": CHARGING_S, "grains_px": [place]}
 
 
-def _hum(values: EffectParameters, run: EffectParameters) -> dict[str, Any]:
+def _hum(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
     del run
     wave = {"amplitude_x_px": values["amplitude_x_px"], "amplitude_y_px": values["amplitude_y_px"], "frequency_hz": values["frequency_hz"]}
     return {**wave, "phase_rad": 0.0}
 
 
-def _charging_jump(values: EffectParameters, run: EffectParameters) -> dict[str, Any]:
+def _charging_jump(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
     """As many jumps as flashes, at random instants; their size is known only if the maps show one of them."""
     flashes = sum(name.endswith("at_s") and name.startswith("flash") for name in values)
     sd_px = math.hypot(values.get("x_px", 0.0), values.get("y_px", 0.0)) / math.sqrt(2.0)
@@ -116,13 +115,13 @@ def _mean(values: EffectParameters, *names: str) -> float:
     return sum(values[name] for name in names) / len(names)
 
 
-def _vibration(values: EffectParameters, run: EffectParameters) -> dict[str, Any]:
+def _vibration(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
     wave = _hum(values, run)
     del wave["phase_rad"]
     return {**wave, "seed": SEED}
 
 
-SIMULATED_EFFECTS: dict[str, Callable[[EffectParameters, EffectParameters], dict[str, Any]]] = {
+SIMULATED_EFFECTS: dict[str, Callable[[EffectParameters, EffectParameters], dict[str, object]]] = {
     "magnification_drift": _slow("change"),
     "raster_rotation_drift": _slow("change_rad"),
     "scan_shear_drift": _slow("change"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import yaml
@@ -12,7 +11,7 @@ from semlive.diagnose.experiments.proposals import ExperimentKind, Proposal
 from semlive.diagnose.experiments.protocols import protocol_for, within_travel
 from semlive.errors import BadConfig
 from semlive.service.config.configuration import parse_config
-from semlive.service.log.pairs import first_run
+from semlive.service.log.opened_log import OpenedLog
 
 _BY_HAND = {
     ExperimentKind.CHANGED_SCAN_TIMES: "Set the scan to {dwell} its dwell and row time before starting; "
@@ -22,17 +21,17 @@ _BY_HAND = {
 }
 
 
-def next_config(log: Path, proposal: Proposal) -> str:
+def next_config(log: OpenedLog, proposal: Proposal) -> str:
     """Configuration of the log with the protocol of the experiment, as YAML.
 
     Raises:
         BadConfig: the log was not written by the daemon and contains no configuration.
     """
-    given = dict(first_run(log).config)
+    given = dict(log.run.config)
     try:
-        parse_config(given, str(log))
+        parse_config(given, str(log.path))
     except BadConfig as error:
-        raise BadConfig(f"{log}: contains no configuration of a run; propose from a log that the daemon wrote.") from error
+        raise BadConfig(f"{log.path}: contains no configuration of a run; propose from a log that the daemon wrote.") from error
     protocol = given.get("protocol")
     given["protocol"] = protocol_for(protocol if isinstance(protocol, dict) else {}, proposal.kind)
     if proposal.kind is ExperimentKind.ROTATED_SCAN:
@@ -40,7 +39,7 @@ def next_config(log: Path, proposal: Proposal) -> str:
     run = given.get("run")
     name = run.get("name") if isinstance(run, dict) else None
     given["run"] = {**(run if isinstance(run, dict) else {}), "name": f"{name or 'run'}-{proposal.kind.value.replace('_', '-')}"}
-    parse_config(given, str(log))
+    parse_config(given, str(log.path))
     between = ", ".join(proposal.candidates) or "no identified effect"
     lines = [f"# {proposal.kind.value.replace('_', ' ')}, about {between}: {proposal.description}"]
     lines += [f"# By hand: {_BY_HAND[proposal.kind].format(dwell=_dwell(proposal.forecast))}"] if proposal.kind in _BY_HAND else []

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any
 
 from semlive.data.diagnosis.effects import ModelEffect
 from semlive.data.diagnosis.two_runs import ScanRotation, SharedEffect, TwoRunVerdict
@@ -12,16 +10,18 @@ from semlive.diagnose.baseline.model_effects import add_model_effects, observabl
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.two_runs.decide import compare_runs
 from semlive.model.effects.stage import non_map_effect
-from semlive.service.diagnosis.run import load_observation, parameters_json
+from semlive.service.diagnosis.run import load_observation
+from semlive.service.diagnosis.verdict_json import parameters_json
+from semlive.service.log.opened_log import OpenedLog
 
 
 def compare_logs(
-    logs: Sequence[Path], watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
+    logs: Sequence[OpenedLog], watch: Callable[[str, int, int], None] | None = None, model_effects: Sequence[ModelEffect] = ()
 ) -> TwoRunVerdict:
     """Joint verdict of runs of one specimen with different scans.
 
     Args:
-        logs: log files or run folders.
+        logs: logs whose messages were not read yet.
         watch: called with the name of the task, the finished part and the total.
         model_effects: effects already in the model.
 
@@ -36,7 +36,7 @@ def compare_logs(
     return compare_runs(runs)
 
 
-def decision_json(verdict: TwoRunVerdict) -> dict[str, Any]:
+def decision_json(verdict: TwoRunVerdict) -> dict[str, object]:
     """JSON object of the verdict (`semlive experiment decide LOG OTHER --json`); it is only extended."""
     return {
         "outcome": verdict.outcome.value,
@@ -49,10 +49,10 @@ def decision_json(verdict: TwoRunVerdict) -> dict[str, Any]:
     }
 
 
-def _effect_json(effect: SharedEffect) -> dict[str, Any]:
+def _effect_json(effect: SharedEffect) -> dict[str, object]:
     return {"name": effect.name, "peak_px": effect.peak_px, "parameters": parameters_json(effect.parameters)}
 
 
-def _turned_json(rotation: ScanRotation) -> dict[str, Any]:
+def _turned_json(rotation: ScanRotation) -> dict[str, object]:
     parameters = parameters_json((rotation.angle_rad, rotation.x_excess, rotation.skew))
     return {"parameters": parameters, "distortion_of": rotation.follows or None, "of_scan": rotation.of_scan}

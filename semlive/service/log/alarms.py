@@ -13,11 +13,11 @@ from enum import StrEnum
 from pydantic import BaseModel, JsonValue
 
 from semlive.data.faults import FaultCode, FaultKind
-from semlive.data.text import printable
 from semlive.engine import Device, State
 from semlive.engine.context import FAULT_OF_CAUSE
 from semlive.formats.log.messages import FaultMessage, LogLineMessage, OperatorMessage, StateMessage, from_json
 from semlive.formats.log.reader import LogMessage
+from semlive.inputs.printable import printable
 
 ACKNOWLEDGE = "acknowledge"
 """`what` of the `/operator` message that acknowledges an alarm; its `args` are `alarm` (identity) and `by`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,8 +12,7 @@ from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats import read_frame
 from semlive.formats.log import conversions as values
-from semlive.formats.log.maps import decode_map
-from semlive.formats.log.messages import DIC_MAP, SEM_ORIGINAL, SEM_SIDECAR, FileMessage, PairMessage, from_json
+from semlive.formats.log.messages import SEM_ORIGINAL, SEM_SIDECAR, FileMessage, PairMessage, from_json
 from semlive.formats.log.reader import LogMessage
 from semlive.service.log.files import messages
 
@@ -45,75 +43,6 @@ class ImagedPair:
         return next(
             (disparity_map for disparity_map in self.maps if (disparity_map.reference, disparity_map.current) == (reference, current)), None
         )
-
-
-def imaged_pairs(log: Path, settings: ScanProfile, every: int = 1) -> Iterator[ImagedPair]:
-    """Yield the pairs whose number is a multiple of `every`, in order; only their frames are decoded.
-
-    Args:
-        log: one file, or a run folder.
-        settings: analysis settings, for the scan timing.
-        every: decode the frames of every n-th pair only.
-
-    Raises:
-        BadLog: the log cannot be read.
-    """
-    files = _Files()
-    waiting: dict[int, tuple[PairDecision, ExportedFile, ExportedFile]] = {}
-    maps: list[DisparityMap] = []
-    for message in messages(log):
-        files.note(message)
-        if message.topic == "/pair":
-            decision = _decision(message.payload)
-            pair_files = files.take(decision)
-            if pair_files is not None and decision.pair % every == 0:
-                waiting[decision.pair] = (decision, *pair_files)
-        elif message.topic == DIC_MAP and waiting:
-            disparity_map = decode_map(message.payload)
-            if maps and disparity_map.current // 2 != maps[0].current // 2:
-                yield from _complete_pair(waiting, maps, settings)
-                maps = []
-            if disparity_map.current // 2 in waiting:
-                maps.append(disparity_map)
-    yield from _complete_pair(waiting, maps, settings)
-
-
-def frame_of(log: Path, settings: ScanProfile, number: int) -> Frame | None:
-    """Return a frame of an accepted pair; None if the log has no such frame or not its image.
-
-    The log is read up to the pair; one file is decoded.
-
-    Args:
-        log: one file, or a run folder.
-        settings: settings of the scan timing.
-        number: number of the frame, 2 * pair + 0 or 1.
-
-    Raises:
-        BadLog: the log cannot be read.
-        BadImage: the file of the frame cannot be read.
-    """
-    files = _Files()
-    for message in messages(log):
-        files.note(message)
-        if message.topic == "/pair":
-            decision = _decision(message.payload)
-            pair_files = files.take(decision)
-            if decision.pair == number // 2:
-                return None if pair_files is None else read_frame(pair_files[number % 2], settings)
-    return None
-
-
-def _complete_pair(
-    waiting: dict[int, tuple[PairDecision, ExportedFile, ExportedFile]], maps: list[DisparityMap], settings: ScanProfile
-) -> Iterator[ImagedPair]:
-    """Yield the pair of the maps if its images can be read."""
-    if maps:
-        decision, *files = waiting.pop(maps[0].current // 2)
-        try:
-            first, second = (read_frame(file, settings) for file in files)
-        except BadImage:
-            return
-        yield ImagedPair(decision, tuple(maps), first, second)
 
 
 @dataclass(slots=True)
@@ -147,6 +76,68 @@ class _Files:
         files = (self.pending[first], self.pending[second]) if first in self.pending and second in self.pending else None
         self.pending = {number: file for number, file in self.pending.items() if number > second}
         return files
+
+
+@dataclass(slots=True)
+class PairFiles:
+    """Exported files of the pairs whose number is a multiple of `every`, until the maps of a pair are complete.
+
+    Attributes:
+        settings: analysis settings, for the scan timing.
+        every: keep the files of every n-th pair only.
+        files: exported files that no pair uses yet.
+        pending: files of the pairs whose maps are not complete yet, by number.
+    """
+
+    settings: ScanProfile
+    every: int = 1
+    files: _Files = field(default_factory=_Files)
+    pending: dict[int, tuple[ExportedFile, ExportedFile]] = field(default_factory=dict)
+
+    def note(self, message: LogMessage) -> None:
+        """Keep what the message of a log contains about files and pairs."""
+        self.files.note(message)
+        if message.topic == "/pair":
+            decision = _decision(message.payload)
+            files = self.files.take(decision)
+            if files is not None and decision.pair % self.every == 0:
+                self.pending[decision.pair] = files
+
+    def imaged_pair(self, decision: PairDecision, maps: tuple[DisparityMap, ...]) -> ImagedPair | None:
+        """Decode the frames of a pair with complete maps; None without its files, or if they cannot be read."""
+        files = self.pending.pop(decision.pair, None)
+        if files is None:
+            return None
+        try:
+            first, second = (read_frame(file, self.settings) for file in files)
+        except BadImage:
+            return None
+        return ImagedPair(decision, maps, first, second)
+
+
+def frame_of(log: Path, settings: ScanProfile, number: int) -> Frame | None:
+    """Return a frame of an accepted pair; None if the log has no such frame or not its image.
+
+    The log is read up to the pair; one file is decoded.
+
+    Args:
+        log: one file, or a run folder.
+        settings: settings of the scan timing.
+        number: number of the frame, 2 * pair + 0 or 1.
+
+    Raises:
+        BadLog: the log cannot be read.
+        BadImage: the file of the frame cannot be read.
+    """
+    files = _Files()
+    for message in messages(log):
+        files.note(message)
+        if message.topic == "/pair":
+            decision = _decision(message.payload)
+            pair_files = files.take(decision)
+            if decision.pair == number // 2:
+                return None if pair_files is None else read_frame(pair_files[number % 2], settings)
+    return None
 
 
 def _decision(payload: bytes) -> PairDecision:

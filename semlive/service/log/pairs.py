@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,10 @@ from semlive.formats.log.messages import (
     RunMessage,
     from_json,
 )
+from semlive.formats.log.reader import LogMessage
 from semlive.formats.log.segment_scan import summary
 from semlive.service.log.files import messages, open_segment, segments
+from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of
 
 Maps = tuple[DisparityMap, ...]
@@ -39,12 +41,10 @@ class LogNotes:
     """Messages that are collected while the pairs of a log are read.
 
     Attributes:
-        run: the first `/run` message.
         recorded: the newest recorded result.
         sem_clock: the newest message about the clock of the microscope.
     """
 
-    run: RunMessage | None = None
     recorded: dict[str, Any] | None = None
     sem_clock: ClockOffsetMessage | None = None
 
@@ -55,12 +55,7 @@ def first_run(log: Path) -> RunMessage:
     Raises:
         BadLog: the log cannot be read or has none.
     """
-    for message in messages(log):
-        if message.topic == "/run":
-            run = from_json(message.topic, message.payload)
-            assert isinstance(run, RunMessage)  # by its topic
-            return run
-    raise BadLog(f"{log}: holds no run's configuration; give a log that semlive wrote.")
+    return OpenedLog(log).run
 
 
 def log_settings(log: Path) -> AnalysisSettings:
@@ -72,11 +67,12 @@ def log_settings(log: Path) -> AnalysisSettings:
     return settings_of(first_run(log))
 
 
-def pairs_with_maps(log: Path, notes: LogNotes) -> Iterator[tuple[PairDecision, Maps]]:
+def pairs_with_maps(log: Path, stream: Iterable[LogMessage], notes: LogNotes) -> Iterator[tuple[PairDecision, Maps]]:
     """Yield the pairs in order, each with its disparity maps.
 
     Args:
-        log: one file, or a run folder.
+        log: path of the log, for error messages.
+        stream: all messages of the log, in order.
         notes: receives other messages while the log is read.
 
     Raises:
@@ -84,7 +80,7 @@ def pairs_with_maps(log: Path, notes: LogNotes) -> Iterator[tuple[PairDecision, 
     """
     decisions: dict[int, PairDecision] = {}
     pair, maps = -1, []
-    for message in messages(log):
+    for message in stream:
         if message.topic == DIC_MAP:
             disparity_map = decode_map(message.payload)
             if disparity_map.current // 2 < pair or any(
@@ -107,9 +103,6 @@ def _note(topic: str, payload: bytes, decisions: dict[int, PairDecision], notes:
         message = from_json(topic, payload)
         assert isinstance(message, PairMessage)  # by its topic
         decisions[message.pair] = values.pair_decision(message)
-    elif topic == "/run" and notes.run is None:
-        run = from_json(topic, payload)
-        notes.run = run if isinstance(run, RunMessage) else None
     elif topic == "/result":
         result = from_json(topic, payload)
         notes.recorded = dict(result.root) if isinstance(result, ResultMessage) else None

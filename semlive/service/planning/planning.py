@@ -67,11 +67,6 @@ class FalseStrain:
     low: Tensor2
     high: Tensor2
 
-    @property
-    def max_strain(self) -> float:
-        """Largest magnitude of any component."""
-        return max(abs(getattr(bound, name)) for bound in (self.low, self.high) for name in ("exx", "eyy", "exy"))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExperimentPlan:

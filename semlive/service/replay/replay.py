@@ -21,6 +21,7 @@ from semlive.service.analysis.step import WorkerState, background_work, process_
 from semlive.service.config.overrides import SettingOverride, apply_overrides
 from semlive.service.diagnosis.model_file import compatible_model
 from semlive.service.log.files import messages
+from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.pairs import LogNotes, Maps, has_images, load_series, log_settings, pairs_with_maps, recorded_result, topic_counts
 from semlive.service.replay.prefetch import prefetch
 from semlive.service.runtime.blas import limit_blas_threads
@@ -33,7 +34,6 @@ __all__ = [
     "Source",
     "load_series",
     "replay",
-    "replay_images",
     "require_calibration",
     "result_from_maps",
 ]
@@ -199,19 +199,6 @@ def require_calibration(log: Path, done: ReplayResult) -> None:
         raise PoorCalibration(f"{log}: the calibration is refused: {reason}, {accept}.")
 
 
-def replay_images(log: Path, method: str | None = None) -> ReplayResult:
-    """Correlate the images of a log again and repeat the estimate.
-
-    Args:
-        log: one file, or a run folder of segments.
-        method: estimation method instead of that of the configuration of the run; None for that of the run.
-
-    Raises:
-        BadLog: the log cannot be read or holds no pair.
-    """
-    return replay(ReplayRequest(log, method, source=Source.IMAGES))
-
-
 def result_from_maps(log: Path, callbacks: ReplayCallbacks | None = None) -> tuple[RunResult, AnalysisSettings]:
     """Return the result of a run from the disparity maps in its log, with every frame corrected with the newest estimate.
 
@@ -235,16 +222,15 @@ def requested_settings(own: AnalysisSettings, request: ReplayRequest) -> Analysi
     if request.method is not None and own.estimate.method != request.method:
         own = replace(own, estimate=replace(own.estimate, method=request.method))
     if request.model is not None:
-        own = replace(own, model=compatible_model(request.log, request.model).effect_model)
+        own = replace(own, model=compatible_model(OpenedLog(request.log), request.model).effect_model)
     return apply_overrides(own, request.changes)
 
 
 def _from_maps(
     request: ReplayRequest, settings: AnalysisSettings, notes: LogNotes, callbacks: ReplayCallbacks, store: MapStore
 ) -> pipeline.AnalysisState | None:
-    return _accumulated(
-        request, settings, prefetch(_stored_pairs(request, pairs_with_maps(request.log, notes), store)), _count(request), callbacks, store
-    )
+    pairs = pairs_with_maps(request.log, messages(request.log), notes)
+    return _accumulated(request, settings, prefetch(_stored_pairs(request, pairs, store)), _count(request), callbacks, store)
 
 
 def _stored_pairs(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.storage import InMemoryStorage, Storage
+from semlive.estimate.storage import InMemoryStorage, Storage
 from semlive.pipeline import AnalysisState
 
 T = TypeVar("T", bound=np.generic)

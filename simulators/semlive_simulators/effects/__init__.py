@@ -1,1 +1,1 @@
-"""Effects that can be switched on, one file each."""
+"""Effects that can be switched on, one module for each kind."""

@@ -1,12 +1,17 @@
-"""Drift of the beam: during the warm-up of the column, and slowly after it."""
+"""Drift of the beam: during warm-up and slowly after it, in each scenario; further drift, and finer distortion, as effects."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict
+
+from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.kernels.exposure import gaussians
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,3 +53,157 @@ class Drift:
         """Drift in px at seconds since the run began, (..., 2) for times (...)."""
         times = np.asarray(time_s, dtype=np.float64)
         return np.stack([self.x.at(times), self.y.at(times)], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class WarmupTransient(Effect):
+    """Drift during the warm-up of the column, about half an hour after power on (Sutton 2007 waits 15 to 30 minutes).
+
+    D += A exp(-T / tau).
+
+    Attributes:
+        x_px: A in x.
+        y_px: A in y.
+        time_constant_s: tau.
+    """
+
+    name: ClassVar[str] = "warmup_transient"
+
+    x_px: float
+    y_px: float
+    time_constant_s: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> WarmupTransient:
+        """2 or 20 px in ten minutes."""
+        return cls(pick_by_magnification(magnification, 1.0, 10.0), pick_by_magnification(magnification, 2.0, 20.0), 600.0)
+
+    def drift_px(self, at: Instants) -> Array:
+        """An exponential decay."""
+        return np.exp(-at.time_s / self.time_constant_s)[:, None] * np.array([self.x_px, self.y_px])
+
+
+@dataclass(frozen=True, slots=True)
+class ThermalOscillation(Effect):
+    """Periodic thermal drift of the column by air conditioning or a chiller.
+
+    D += A sin(2 pi T / P + phase).
+
+    Attributes:
+        x_px: A in x.
+        y_px: A in y.
+        period_s: P.
+        phase_rad: phase at the start of the run.
+    """
+
+    name: ClassVar[str] = "thermal_oscillation"
+
+    x_px: float
+    y_px: float
+    period_s: float
+    phase_rad: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> ThermalOscillation:
+        """0.2 or 5 px every eight minutes."""
+        return cls(pick_by_magnification(magnification, 0.1, 2.5), pick_by_magnification(magnification, 0.2, 5.0), 480.0, 0.7)
+
+    def drift_px(self, at: Instants) -> Array:
+        """Equal phases in both axes."""
+        return np.sin(2 * np.pi * at.time_s / self.period_s + self.phase_rad)[:, None] * np.array([self.x_px, self.y_px])
+
+
+@dataclass(frozen=True, slots=True)
+class RandomWalkDrift(Effect):
+    """Random walk of the beam: Brownian motion down to the shortest period, smooth below it.
+
+    D += s sum_k Z_k sqrt(2 S) sin(w_k T / S) / w_k, w_k = (k - 1/2) pi: Karhunen-Loeve series of Brownian motion on 0 ... S.
+
+    Attributes:
+        step_px_per_sqrt_s: s, standard deviation of the change within one second, in each axis.
+        span_s: S; after this time the drift is mirrored in time.
+        shortest_period_s: period of the last term.
+        seed: seed of Z.
+    """
+
+    name: ClassVar[str] = "random_walk_drift"
+
+    step_px_per_sqrt_s: float
+    span_s: float
+    shortest_period_s: float
+    seed: int = 1
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> RandomWalkDrift:
+        """0.85 or 25 px in two hours."""
+        return cls(pick_by_magnification(magnification, 0.01, 0.3), 20_000.0, 60.0)
+
+    def drift_px(self, at: Instants) -> Array:
+        """Independent drifts of both axes."""
+        count = max(1, round(2 * self.span_s / self.shortest_period_s))
+        w = (np.arange(count) + 0.5) * np.pi
+        waves = np.sin(at.time_s[:, None] * (w / self.span_s)) / w
+        z = np.stack([gaussians(self.seed, 43 + axis, 0, count) for axis in range(2)], axis=-1)
+        return self.step_px_per_sqrt_s * math.sqrt(2 * self.span_s) * (waves @ z)
+
+
+@dataclass(frozen=True, slots=True)
+class BaselineDriftUnderresolved(Effect):
+    """Drift with more detail in time than a spline with few knots can represent.
+
+    D += A sqrt(2 / 12) sum_k sin(2 pi T / P_k + phase_k), 12 periods evenly spaced in their logarithm.
+
+    Attributes:
+        sd_px: A, root mean square over time in each axis.
+        shortest_period_s: first P_k.
+        longest_period_s: last P_k.
+        seed: seed of the phases, which are normally distributed numbers of turns.
+    """
+
+    name: ClassVar[str] = "baseline_drift_underresolved"
+
+    sd_px: float
+    shortest_period_s: float
+    longest_period_s: float
+    seed: int = 1
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> BaselineDriftUnderresolved:
+        """0.1 or 2 px, periods from half a minute to four."""
+        return cls(pick_by_magnification(magnification, 0.1, 2.0), 30.0, 240.0)
+
+    def drift_px(self, at: Instants) -> Array:
+        """Independent drifts of both axes."""
+        periods_s = np.geomspace(self.shortest_period_s, self.longest_period_s, 12)
+        drift = np.empty((at.time_s.size, 2))
+        for axis in range(2):
+            turns = at.time_s[:, None] / periods_s + gaussians(self.seed, 45 + axis, 0, 12)
+            drift[:, axis] = self.sd_px * math.sqrt(2 / 12) * np.sin(2 * np.pi * turns).sum(axis=1)
+        return drift
+
+
+@dataclass(frozen=True, slots=True)
+class BaselineDistortionUnderresolved(Effect):
+    """Distortion with more spatial detail than a spline with few knots can represent.
+
+    u = A sin(2 pi x / L) cos(2 pi y / L), v = A cos(2 pi x / L) sin(2 pi y / L).
+
+    Attributes:
+        amplitude_px: A.
+        wavelength_px: L.
+    """
+
+    name: ClassVar[str] = "baseline_distortion_underresolved"
+
+    amplitude_px: float
+    wavelength_px: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> BaselineDistortionUnderresolved:
+        """0.05 px over 110 px."""
+        return cls(pick_by_magnification(magnification, 0.05, 0.05), 110.0)
+
+    def offset_px(self, at: PixelVisits) -> Plane:
+        """A periodic field in x and y."""
+        x, y = 2 * np.pi * at.x_px / self.wavelength_px, 2 * np.pi * at.y_px / self.wavelength_px
+        return self.amplitude_px * np.sin(x) * np.cos(y), self.amplitude_px * np.cos(x) * np.sin(y)

@@ -16,7 +16,8 @@ from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.exporters.writing import FilePlan, plan_files, write_file
 from semlive_simulators.scenario import Scenario
-from semlive_simulators.specimen.machine import Reading, Window
+from semlive_simulators.specimen.machine import Window
+from semlive_simulators.specimen.sensors import Reading
 
 _JOIN_S = 10.0
 
@@ -131,7 +132,7 @@ class ExportThread:
         name = scenario.export.free_name(item.frame, lambda file: (self._folder / file).exists())
         stamp_ns = scenario.stamp_ns(item.end_time_ns, self._clock.start_ns)
         facts = ImageMetadata(
-            scenario.scan, stamp_ns, reading.encoder_x_um, reading.encoder_y_um, item.frame, name, reading.beam_x_um, reading.beam_y_um
+            scenario.scan, stamp_ns, reading.stage.x_um, reading.stage.y_um, item.frame, name, reading.beam.x_um, reading.beam.y_um
         )
         image, *sidecars = plan_files(scenario.export.encode(item.image, facts), name, scenario.export, item.frame)
         write_file(image, self._folder, begin_ns, lambda since_s: self._at("export", begin_ns + round(since_s * 1e9)))

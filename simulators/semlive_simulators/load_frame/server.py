@@ -115,10 +115,8 @@ class BenchRegisters:
             lag_s=self._clock.lag_s(),
             force_limit_n=self._scenario.load_frame.force_limit_n,
         )
-        stage = StageInputs(
-            _stage_state(reading.stage_moving, reading.stage_fault), reading.encoder_x_um, reading.encoder_y_um, reading.number
-        )
-        beam = StageInputs(_stage_state(reading.beam_moving), reading.beam_x_um, reading.beam_y_um, reading.number)
+        stage = StageInputs(_stage_state(reading.stage.moving, reading.stage.fault), reading.stage.x_um, reading.stage.y_um, reading.number)
+        beam = StageInputs(_stage_state(reading.beam.moving), reading.beam.x_um, reading.beam.y_um, reading.number)
         drive = reading.load_frame_drive
         diagnostics = DiagnosticInputs(FAULTS.index(drive) + 1 if drive in FAULTS else 0, reading.strain_gage, reading.load_frame_number)
         block = list(registers)

@@ -5,26 +5,24 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from semlive_simulators.kernels.pattern import gaussian
 from semlive_simulators.load_frame import dynamics, fault_schedule
 from semlive_simulators.load_frame.fault_schedule import MachineFault
 from semlive_simulators.scenario import Scenario
 from semlive_simulators.specimen import stage as stages
 from semlive_simulators.specimen.history import History, LoadStep, Move
-from semlive_simulators.specimen.specimen import Motion, at_rest
-from semlive_simulators.specimen.strain_field import elongation
+from semlive_simulators.specimen.sensors import READINGS_PER_S, BenchState, Reading, Sensors
+from semlive_simulators.specimen.specimen import Motion
 
 STEP_NS = 50_000_000
 """Time step of the simulation, counted from the start of the run: half a row time, or 1 um of stage motion."""
-READINGS_PER_S = 100
 _STORED_S = 600.0
 """Time for which states are stored in addition to one frame, whose truth is needed after its scan."""
 _CONTROL_PASSES = 6
 """Iterations of load control: each one reduces the error by the gain error of the load cell, with 2 % to 1e-10 of the load."""
-_FORCE_STREAM, _EXTENSION_STREAM, _ENCODER_X_STREAM, _ENCODER_Y_STREAM = 1, 2, 3, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,28 +35,6 @@ class StateSample:
     y_um: float
     yaw_rad: float
     moving: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """Readings of all devices at an instant, with noise; `number` counts readings, `load_frame_number` those of the load frame."""
-
-    number: int
-    load_frame_number: int
-    force_n: float
-    extension_mm: float
-    target_n: float
-    load_frame_moving: bool
-    load_frame_fault: bool
-    load_frame_drive: dynamics.Drive
-    encoder_x_um: float
-    encoder_y_um: float
-    stage_moving: bool
-    stage_fault: bool
-    beam_x_um: float
-    beam_y_um: float
-    beam_moving: bool
-    strain_gage: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,8 +69,8 @@ class LoadTrain:
         self._beam = stages.StageState()
         self._samples: list[StateSample] = []
         self.faults = fault_schedule.FaultSchedule(scenario.faults)
-        self._frozen: Reading | None = None
-        self._readings = scenario.effects.readings()
+        self._sensors = Sensors(scenario)
+        self._elongation_mm = partial(_elongation_mm, scenario)
         self._history = History()
         self._max_samples = math.ceil((scenario.frame_duration_s + _STORED_S) / (STEP_NS * 1e-9))
         self._reached_n = 0.0
@@ -139,75 +115,23 @@ class LoadTrain:
             self._history = replace(self._history, load_steps=(*self._history.load_steps, step))
             self._reached_n = self._load.force_n
         if stage.moving and not self._stage.moving:
-            move = Move(time_s, self._reached_px, self._commanded_px(self._stage))
+            move = Move(time_s, self._reached_px, _commanded_px(self._stage, self._scenario))
             self._history = replace(self._history, moves=(*self._history.moves, move))
             self._reached_px = move.to_px
         if beam.moving and not self._beam.moving:
-            shift = Move(time_s, self._beam_reached_px, self._commanded_px(self._beam))
+            shift = Move(time_s, self._beam_reached_px, _commanded_px(self._beam, self._scenario))
             self._history = replace(self._history, beam_shifts=(*self._history.beam_shifts, shift))
             self._beam_reached_px = shift.to_px
-
-    def _elongation_mm(self, peak_n: float) -> float:
-        return self._scenario.effects.plastic_strain(peak_n) * self._scenario.specimen.length_mm
-
-    def _further_strain(self, load: dynamics.LoadFrameState, time_s: float, history: History) -> float:
-        """Strain of the gage in addition to the elastic strain: plastic strain, creep, and the effect of holes and grains."""
-        scenario, motion = self._scenario, at_rest(load_n=load.force_n, history=history)
-        creep = self._readings.specimen_strain(time_s, motion, scenario.scan)
-        grid_px = scenario.strain_gage.length_mm * 1e3 / scenario.scan.pixel_size_um
-        local = elongation(scenario.effects, scenario.scan, motion, time_s, grid_px)
-        return load.plastic_mm / scenario.specimen.length_mm + creep + local
-
-    def _commanded_px(self, state: stages.StageState) -> tuple[float, float]:
-        pixel_um = self._scenario.scan.pixel_size_um
-        return state.motor_x_um / pixel_um, state.motor_y_um / pixel_um
-
-    def _load_reading_n(self, force_n: float, time_s: float, history: History) -> float:
-        return self._readings.load_n(force_n, time_s, at_rest(load_n=force_n, history=history))
 
     def read(self, time_ns: int) -> Reading:
         """Readings of all devices at an instant, UTC ns."""
         self.advance_to(time_ns)
         number = max(0, (time_ns - self._start_ns) * READINGS_PER_S // 1_000_000_000)
-        seed, frame, stage = self._scenario.seed, self._scenario.load_frame, self._scenario.stage
         with self._lock:
-            load, stage_state, history, beam = self._load, self._stage, self._history, self._beam
+            state = BenchState(self._load, self._stage, self._beam, self._history)
         time_s = (time_ns - self._start_ns) * 1e-9
-        extension_mm = self._readings.extension_mm(load.extension_mm, load.force_n)
-        noisy_n = self._load_reading_n(load.force_n, time_s, history) + frame.cell_noise_n * gaussian(seed, _FORCE_STREAM, number)
-        further_strain = self._further_strain(load, time_s, history)
-        reading = Reading(
-            number=number,
-            load_frame_number=number,
-            force_n=frame.resolved_n(noisy_n),
-            extension_mm=extension_mm + frame.extension_noise_mm * gaussian(seed, _EXTENSION_STREAM, number),
-            target_n=self._load_reading_n(load.target_n, time_s, history),
-            load_frame_moving=load.moving,
-            load_frame_fault=load.faulty,
-            load_frame_drive=load.drive,
-            encoder_x_um=stage_state.motor_x_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_X_STREAM, number),
-            encoder_y_um=stage_state.motor_y_um + stage.encoder_noise_um * gaussian(seed, _ENCODER_Y_STREAM, number),
-            stage_moving=stage_state.moving,
-            stage_fault=stage_state.stalled,
-            beam_x_um=beam.motor_x_um,
-            beam_y_um=beam.motor_y_um,
-            beam_moving=beam.moving,
-            strain_gage=self._scenario.strain_gage.reading(self._scenario.specimen, load.force_n, seed, number, further_strain),
-        )
-        return self._with_sensor_faults(reading, time_s)
-
-    def _with_sensor_faults(self, reading: Reading, time_s: float) -> Reading:
-        """The reading with active faults of sensors."""
         active = {fault.what for fault in self.faults.active_and_planned() if fault.lasts(time_s)}
-        if MachineFault.GAGE_OFF in active:
-            reading = replace(reading, strain_gage=math.nan)
-        with self._lock:
-            if MachineFault.FROZEN_READINGS not in active:
-                self._frozen = None
-                return reading
-            frozen = self._frozen = self._frozen or reading
-        values = {"force_n": frozen.force_n, "extension_mm": frozen.extension_mm, "strain_gage": frozen.strain_gage}
-        return replace(reading, load_frame_number=frozen.load_frame_number, **values)
+        return self._sensors.read(state, time_s, number, active)
 
     def window(self, first_s: float, last_s: float) -> Window:
         """The true state between two recent instants, seconds since the run began."""
@@ -233,7 +157,7 @@ class LoadTrain:
             for _ in range(_CONTROL_PASSES):
                 step = LoadStep(time_s, true_n - self._reached_n)
                 history = replace(self._history, load_steps=(*self._history.load_steps, step))
-                true_n += force_n - self._load_reading_n(true_n, time_s, history)
+                true_n += force_n - self._sensors.load_n(true_n, time_s, history)
             self._load = dynamics.ramp_to(self._load, true_n, rate_n_s)
 
     def jog(self, speed_mm_s: float) -> None:
@@ -290,3 +214,13 @@ class LoadTrain:
         """Whether the load frame refuses motions until a stop: after its force limit, or an emergency stop."""
         with self._lock:
             return self._load.drive in (dynamics.Drive.OVERLOAD, dynamics.Drive.EMERGENCY)
+
+
+def _commanded_px(state: stages.StageState, scenario: Scenario) -> tuple[float, float]:
+    pixel_um = scenario.scan.pixel_size_um
+    return state.motor_x_um / pixel_um, state.motor_y_um / pixel_um
+
+
+def _elongation_mm(scenario: Scenario, peak_n: float) -> float:
+    """Plastic elongation of the specimen after a highest load, N."""
+    return scenario.effects.plastic_strain(peak_n) * scenario.specimen.length_mm

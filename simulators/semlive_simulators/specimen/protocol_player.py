@@ -169,7 +169,7 @@ class ProtocolPlayer:
             reading = self._machine.read(self.time_ns)
             if reading.load_frame_fault:
                 break
-            if not (reading.load_frame_moving or reading.stage_moving or reading.beam_moving):
+            if not (reading.load_frame_moving or reading.stage.moving or reading.beam.moving):
                 return
         raise BadScenario(
             f"scenario {self._scenario.name}: {_name_of(stop)} ends in a fault or takes too long; change loads_n or load_frame"
@@ -177,9 +177,9 @@ class ProtocolPlayer:
 
     def _stage_within(self, x_um: float, y_um: float) -> bool:
         reading = self._machine.read(self.time_ns)
-        position_um = (reading.encoder_x_um, reading.encoder_y_um)
+        position_um = (reading.stage.x_um, reading.stage.y_um)
         if self._scenario.shifts_by is Actuator.BEAM_SHIFT:
-            position_um = (reading.beam_x_um, reading.beam_y_um)
+            position_um = (reading.beam.x_um, reading.beam.y_um)
         return max(abs(position_um[0] - x_um), abs(position_um[1] - y_um)) <= self._protocol.stage_tolerance_um
 
     def _load_within(self, load_n: float) -> bool:
@@ -197,7 +197,7 @@ class ProtocolPlayer:
         mean_n = math.fsum(sample.force_n for sample in readings) / samples
         strains = [sample.strain_gage for sample in readings if math.isfinite(sample.strain_gage)]
         mean_strain = math.fsum(strains) / len(strains) if strains else math.nan
-        positions_um = (reading.encoder_x_um, reading.encoder_y_um, reading.beam_x_um, reading.beam_y_um)
+        positions_um = (reading.stage.x_um, reading.stage.y_um, reading.beam.x_um, reading.beam.y_um)
         return ScannedFrame(frame, stop, start_s, start_ns, end_ns, window, mean_n, mean_strain, *positions_um)
 
 

@@ -35,19 +35,19 @@ def run(about: str | None, word: str, cases: Callable[[int, int], Iterator[Asked
         cases: so many seeds, and so many with nothing hidden.
         table: of verdicts, as Markdown.
     """
-    asked = _arguments(about, word)
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    own, shards = (int(one) for one in asked.shard.split("/"))
-    chosen, begin = list(cases(asked.seeds, asked.nulls)), time.monotonic()
-    done = _verdicts(asked.folder, word)
-    for case in [] if asked.score else chosen[own - 1 :: shards]:
-        if case.key not in done and time.monotonic() - begin < asked.seconds:
-            with (asked.folder / f"{word}-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
+    requests = _arguments(about, word)
+    requests.folder.mkdir(parents=True, exist_ok=True)
+    own, shards = (int(item) for item in requests.shard.split("/"))
+    chosen, begin = list(cases(requests.seeds, requests.nulls)), time.monotonic()
+    done = _verdicts(requests.folder, word)
+    for case in [] if requests.score else chosen[own - 1 :: shards]:
+        if case.key not in done and time.monotonic() - begin < requests.seconds:
+            with (requests.folder / f"{word}-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(case.verdict()) + "\n")
-    done = _verdicts(asked.folder, word)
-    found = table([done[one.key] for one in chosen if one.key in done])
+    done = _verdicts(requests.folder, word)
+    found = table([done[item.key] for item in chosen if item.key in done])
     sys.stdout.write(found)
-    if asked.write:
+    if requests.write:
         first, last = f"<!-- {word}: begin -->\n", f"<!-- {word}: end -->\n"
         before, rest = PAGE.read_text(encoding="utf-8").split(first)
         PAGE.write_text(f"{before}{first}\n{found}\n{last}{rest.split(last)[1]}", encoding="utf-8")
@@ -67,4 +67,4 @@ def _arguments(about: str | None, word: str) -> argparse.Namespace:
 
 def _verdicts(folder: Path, word: str) -> dict[str, dict[str, Any]]:
     lines = [line for path in sorted(folder.glob(f"{word}-*.jsonl")) for line in path.read_text(encoding="utf-8").splitlines()]
-    return {str(one["key"]): one for one in map(json.loads, lines)}
+    return {str(item["key"]): item for item in map(json.loads, lines)}

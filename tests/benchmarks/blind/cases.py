@@ -21,7 +21,7 @@ from semlive.diagnose.baseline.observation import Observation
 from semlive.model.effects import EFFECT_CLASSES, EffectClass
 from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.library import LIBRARY
-from semlive_simulators.effects.wrong_row_time import WrongRowTime
+from semlive_simulators.effects.scan_timing import WrongRowTime
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
 """Every third point of the usual grid: its block means differ by less than their noise, and cases are made in half the time."""

@@ -8,17 +8,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from semlive_simulators.effects.aspect_drift import AspectDrift
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
-from semlive_simulators.effects.creep_in_hold import CreepInHold
-from semlive_simulators.effects.distortion_scale_drift import DistortionScaleDrift
+from semlive_simulators.effects.charging import ChargingLocalLens
+from semlive_simulators.effects.drift import ThermalOscillation
+from semlive_simulators.effects.image_field import (
+    AspectDrift,
+    DistortionScaleDrift,
+    MagnificationDrift,
+    RasterRotationDrift,
+    ScanShearDrift,
+)
 from semlive_simulators.effects.interfaces import Array, Effect, Instants, PixelVisits, Plane
-from semlive_simulators.effects.load_step_transient import LoadStepTransient
-from semlive_simulators.effects.magnification_drift import MagnificationDrift
-from semlive_simulators.effects.raster_rotation_drift import RasterRotationDrift
-from semlive_simulators.effects.scan_shear_drift import ScanShearDrift
-from semlive_simulators.effects.stage_step_transient import StageStepTransient
-from semlive_simulators.effects.thermal_oscillation import ThermalOscillation
+from semlive_simulators.effects.specimen_motion import CreepInHold, LoadStepTransient, StageStepTransient
 
 STRETCH = 0.7
 """exp(-(T / tau)^0.7) in place of exp(-T / tau)."""
@@ -115,5 +115,5 @@ DEFORMED: tuple[str, ...] = tuple(_BY_NAME)
 
 def deformed(effect: Effect) -> Effect:
     """The same effect with another law of time."""
-    values = {one.name: getattr(effect, one.name) for one in fields(effect)}  # pyright: ignore[reportArgumentType]
+    values = {item.name: getattr(effect, item.name) for item in fields(effect)}  # pyright: ignore[reportArgumentType]
     return _BY_NAME[effect.name](**values)

@@ -116,31 +116,31 @@ def poses(conditions: Conditions) -> list[Pose]:
         loaded = pair >= conditions.calibration
         strain = TOP_STRAIN * (pair - conditions.calibration) / max(conditions.tension - 1, 1) if loaded else 0.0
         load_n = strain * YOUNGS_GPA * 1e3 * AREA_MM2
-        wanted = before_px if loaded or conditions.parked else conditions.moves_px[pair]
-        if wanted != before_px:
-            moves.append(Move(when_s, before_px, wanted))
+        required = before_px if loaded or conditions.parked else conditions.moves_px[pair]
+        if required != before_px:
+            moves.append(Move(when_s, before_px, required))
         if load_n != before_n:
             steps.append(LoadStep(when_s, load_n - before_n))
         error = rng.normal(0.0, conditions.stage_error_px, 2) if pair and not conditions.parked else np.zeros(2)
         carried = np.array([1.5, -2.0]) * (pair - conditions.calibration) if loaded else np.zeros(2)
-        shift = (float(wanted[0] + error[0] + carried[0]), float(wanted[1] + error[1] + carried[1]))
+        shift = (float(required[0] + error[0] + carried[0]), float(required[1] + error[1] + carried[1]))
         history = History(tuple(steps), tuple(moves))
         motion = at_rest(shift, np.diag([-POISSON * strain, strain + (conditions.injected if loaded else 0.0)]), load_n, history)
-        found.append(Pose(pair, Phase.TENSION if loaded else Phase.CALIBRATION, motion, wanted, load_n))
-        before_px, before_n = wanted, load_n
+        found.append(Pose(pair, Phase.TENSION if loaded else Phase.CALIBRATION, motion, required, load_n))
+        before_px, before_n = required, load_n
     return found
 
 
 def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID) -> list[HiddenPair]:
     """All pairs of an experiment, with noise."""
-    told = poses(conditions)
+    reported = poses(conditions)
     world = world_of(conditions, effects)
     noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.noisy, WIDTH_PX, HEIGHT_PX)
     points = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
     here, weight = within_subsets(points, conditions.subset_px)
-    material = seen_at(world, here, 0, told[0].motion)
+    material = seen_at(world, here, 0, reported[0].motion)
     found = []
-    for pose in told:
+    for pose in reported:
         first, second = 2 * pose.pair, 2 * pose.pair + 1
         strained = (material - world.column.scan.centre_px) @ pose.motion.gradient[0].T
         near = here + _by_scan(world, pose.motion.shift_px[0]) + _by_scan(world, strained)
@@ -222,8 +222,8 @@ def beyond_shear_px(conditions: Conditions, effects: tuple[Effect, ...]) -> floa
 
 def _added(conditions: Conditions, effects: tuple[Effect, ...]) -> Field:
     """(2, maps, ny, nx) px along x and y that effects add to every map."""
-    quiet = replace(conditions, kind=NoiseKind.NONE, missing=0.0, outliers=0.0)
-    return np.asarray(np.stack(_displacements(quiet, effects)) - _nothing_added(quiet))
+    silent = replace(conditions, kind=NoiseKind.NONE, missing=0.0, outliers=0.0)
+    return np.asarray(np.stack(_displacements(silent, effects)) - _nothing_added(silent))
 
 
 @lru_cache(maxsize=1)
@@ -233,8 +233,8 @@ def _nothing_added(conditions: Conditions) -> Field:
 
 
 def _displacements(conditions: Conditions, effects: tuple[Effect, ...]) -> tuple[Field, Field]:
-    maps = [one for pair in hidden(conditions, effects, COARSE) for one in pair.maps]
-    return np.stack([one.u_px for one in maps]), np.stack([one.v_px for one in maps])
+    maps = [item for pair in hidden(conditions, effects, COARSE) for item in pair.maps]
+    return np.stack([item.u_px for item in maps]), np.stack([item.v_px for item in maps])
 
 
 def address(world: World, material: Field, frame: int, motion: Motion, near: Field) -> Field:
@@ -293,6 +293,6 @@ def _map(noise: FrameNoise, conditions: Conditions, grid: Grid, frame: int, here
     status[rng.random(grid.shape) < conditions.missing] = PoiStatus.LOW_ZNCC
     wrong = (rng.random(len(here)) < conditions.outliers)[:, None] * rng.normal(0.0, 1.0, here.shape)
     lost = (status != PoiStatus.CONVERGED).ravel()[:, None]
-    u, v = (np.ascontiguousarray(one.reshape(grid.shape)) for one in np.where(lost, 0.0, moved + wrong).T)
+    u, v = (np.ascontiguousarray(item.reshape(grid.shape)) for item in np.where(lost, 0.0, moved + wrong).T)
     sigma = np.where(status == PoiStatus.CONVERGED, conditions.noise_px, 0.0)
     return DisparityMap(0, frame, grid, u, v, sigma, sigma, np.ones(grid.shape), status)

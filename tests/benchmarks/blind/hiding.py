@@ -60,12 +60,12 @@ def hidden_effect(name: str, peak_px: float, seed: int) -> tuple[Effect, ...]:
 
 def hidden_values(name: str, effect: Any) -> dict[str, float]:
     """What diagnosis would report of a hidden effect if it made no error, by the names that it uses; changes are those of the whole run."""
-    told = {one.name: getattr(effect, one.name) for one in fields(effect)}
-    if "change" in told and name != "distortion_scale_drift":
-        grown = -math.expm1(-END_S / told["time_constant_s"])
-        return {"change_rad" if name == "raster_rotation_drift" else "change": told["change"] * grown}
+    reported_text = {one.name: getattr(effect, one.name) for one in fields(effect)}
+    if "change" in reported_text and name != "distortion_scale_drift":
+        grown = -math.expm1(-END_S / reported_text["time_constant_s"])
+        return {"change_rad" if name == "raster_rotation_drift" else "change": reported_text["change"] * grown}
     if name in _REPORTED:
-        return {reported: float(told[own]) for reported, own in _REPORTED[name].items()}
+        return {reported: float(reported_text[own]) for reported, own in _REPORTED[name].items()}
     return {}
 
 

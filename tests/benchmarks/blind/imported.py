@@ -22,12 +22,12 @@ def imported(folder: Path, conditions: Conditions, effects: tuple[Effect, ...], 
     """The log that `semlive import` makes of a new folder."""
     folder.mkdir()
     scan, lines = conditions.scan, [HEADER]
-    for one in hidden(conditions, effects, grid):
-        pose = one.pose
+    for item in hidden(conditions, effects, grid):
+        pose = item.pose
         numbers = (scan.dwell_time_s, scan.row_time_s, WIDTH_PX, HEIGHT_PX, 1, pose.load_n, *pose.commanded_px)
-        told = ",".join(repr(number) for number in numbers)
-        lines += [f"{when.frame},{pose.pair},{pose.phase.value},{when.start_s!r},{told}" for when in one.times]
-        for dmap in (*one.maps, *_within(one.maps, grid)):
+        reported = ",".join(repr(number) for number in numbers)
+        lines += [f"{when.frame},{pose.pair},{pose.phase.value},{when.start_s!r},{reported}" for when in item.times]
+        for dmap in (*item.maps, *_within(item.maps, grid)):
             (folder / f"disparity_{dmap.reference}_{dmap.current}.csv").write_text(map_text(dmap))
     (folder / "frames.csv").write_text("\n".join([*lines, ""]))
     log = folder.with_suffix(".mcap")
@@ -40,9 +40,9 @@ def _within(maps: tuple[DisparityMap, ...], grid: Grid) -> list[DisparityMap]:
     if len(maps) < 2:
         return []
     first, second = maps
-    one, two = _filled(first), _filled(second)
-    there = np.indices(grid.shape) - one[::-1] / grid.step_px
-    u, v = (map_coordinates(moved, there, order=3, mode="nearest") for moved in two - one)
+    item, two = _filled(first), _filled(second)
+    there = np.indices(grid.shape) - item[::-1] / grid.step_px
+    u, v = (map_coordinates(moved, there, order=3, mode="nearest") for moved in two - item)
     lost = map_coordinates(np.where(first.valid & second.valid, 0, 1), there, order=0, mode="nearest").astype(bool)
     status = np.where(lost, PoiStatus.LOW_ZNCC, PoiStatus.CONVERGED).astype(np.uint8)
     sigma = np.where(lost, 0.0, second.sigma_u_px.max())
@@ -52,5 +52,5 @@ def _within(maps: tuple[DisparityMap, ...], grid: Grid) -> list[DisparityMap]:
 def _filled(dmap: DisparityMap) -> NDArray[np.float64]:
     """(2, ny, nx) px along x and y; a lost point is the mean of its neighbours."""
     near = uniform_filter(dmap.valid.astype(float), 3)
-    both = [(one, uniform_filter(np.where(dmap.valid, one, 0.0), 3)) for one in (dmap.u_px, dmap.v_px)]
-    return np.stack([np.where(dmap.valid, one, total / np.maximum(near, 1e-9)) for one, total in both])
+    both = [(item, uniform_filter(np.where(dmap.valid, item, 0.0), 3)) for item in (dmap.u_px, dmap.v_px)]
+    return np.stack([np.where(dmap.valid, item, total / np.maximum(near, 1e-9)) for item, total in both])

@@ -19,12 +19,12 @@ UM_PER_PX = 1.25
 
 def followed(pairs: Iterable[HiddenPair], settings: AnalysisSettings) -> Iterator[tuple[pipeline.AnalysisState, PairResult]]:
     """What is known after each pair."""
-    begun = None
+    started = None
     for one in pairs:
         decision = decided(one)
-        begun = begun or pipeline.start_from_maps(settings, decision.first, one.maps[0].grid)
-        begun, result = pipeline.add_pair(begun, decision, one.maps)
-        yield begun, result
+        started = started or pipeline.start_from_maps(settings, decision.first, one.maps[0].grid)
+        started, result = pipeline.add_pair(started, decision, one.maps)
+        yield started, result
 
 
 def decided(one: HiddenPair) -> PairDecision:

@@ -25,10 +25,10 @@ def rendered_log(folder: Path, conditions: Conditions, effects: tuple[Effect, ..
     paper = load_scenario("paper_x200")
     speckle = replace(paper.speckle, seed=paper.speckle.seed + conditions.seed)
     scenario = replace(paper, seed=conditions.seed, speckle=speckle, effects=EffectSet(effects))
-    column, told = scenario.column(), poses(conditions)
-    starts_s = [start_s(2 * pose.pair + member) for pose in told for member in (0, 1)]
-    images = (render_frame(scenario, at_s, told[frame // 2].motion, frame, column) for frame, at_s in enumerate(starts_s))
-    return log_of(folder, images, scenario.scan, starts_s, DicSettings(), [_step(one) for one in told])
+    column, reported = scenario.column(), poses(conditions)
+    starts_s = [start_s(2 * pose.pair + member) for pose in reported for member in (0, 1)]
+    images = (render_frame(scenario, at_s, reported[frame // 2].motion, frame, column) for frame, at_s in enumerate(starts_s))
+    return log_of(folder, images, scenario.scan, starts_s, DicSettings(), [_step(item) for item in reported])
 
 
 def _step(pose: Pose) -> Step:

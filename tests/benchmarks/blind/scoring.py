@@ -37,7 +37,7 @@ def judged(case: Case, verdict: Verdict) -> str:
 
 
 def _names(told: object) -> list[str]:
-    return [str(one) for one in told] if isinstance(told, list) else []
+    return [str(item) for item in told] if isinstance(told, list) else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +63,8 @@ class Bar:
         bound = at_most(self.count, self.total) if self.below else at_least(self.count, self.total)
         share = self.count / self.total
         met = bound <= self.limit if self.below else bound >= self.limit
-        said = "met" if met else "open" if (share <= self.limit if self.below else share >= self.limit) else "missed"
-        return f"| {self.about} | {self.total} | {100 * share:.1f} % | {100 * bound:.1f} % | {self._asked()} | {said} |"
+        printed = "met" if met else "open" if (share <= self.limit if self.below else share >= self.limit) else "missed"
+        return f"| {self.about} | {self.total} | {100 * share:.1f} % | {100 * bound:.1f} % | {self._asked()} | {printed} |"
 
     def _asked(self) -> str:
         return f"{'at most' if self.below else 'at least'} {100 * self.limit:g} %"
@@ -80,26 +80,28 @@ def bars(scored: Scored) -> Iterable[Bar]:
     for case, verdict in scored:
         by[case.kind, case.size].append(judged(case, verdict))
     nulls = by[NOTHING, 0.0]
-    named = [one for one in nulls if one in ("wrong", "right", "set")]
+    named = [item for item in nulls if item in ("wrong", "right", "set")]
     yield Bar("false effects without a hidden effect", len(named), len(nulls), 0.01, below=True)
     yield Bar("UNKNOWN without a hidden effect", nulls.count("UNKNOWN"), len(nulls), 0.03, below=True)
-    asked = {2.0: 0.85, 4.0: 0.97, 8.0: 0.99}
+    requests = {2.0: 0.85, 4.0: 0.97, 8.0: 0.99}
     sizes = sorted({case.size for case, _ in scored if case.kind == ONE})
     for size in sizes:
-        said = by[ONE, size]
-        if size in asked:
-            apart = [judged(case, one) for case, one in scored if (case.kind, case.size) == (ONE, size) and not case.sheared]
-            yield Bar(f"correct effect at {size:g} times", apart.count("right"), len(apart), asked[size], below=False)
+        printed = by[ONE, size]
+        if size in requests:
+            apart = [judged(case, item) for case, item in scored if (case.kind, case.size) == (ONE, size) and not case.sheared]
+            yield Bar(f"correct effect at {size:g} times", apart.count("right"), len(apart), requests[size], below=False)
         if size >= 4.0:
-            yield Bar(f"truth in the stated set at {size:g} times", said.count("right") + said.count("set"), len(said), 0.99, below=False)
-        yield Bar(f"wrong effect IDENTIFIED at {size:g} times", said.count("wrong"), len(said), 0.01, below=True)
+            yield Bar(
+                f"truth in the stated set at {size:g} times", printed.count("right") + printed.count("set"), len(printed), 0.99, below=False
+            )
+        yield Bar(f"wrong effect IDENTIFIED at {size:g} times", printed.count("wrong"), len(printed), 0.01, below=True)
     doubles = [(case, verdict) for case, verdict in scored if case.kind == TWO]
     both = sum(set(case.names) <= set(_names(verdict["names"])) for case, verdict in doubles)
     yield Bar("two effects at 8 times, both found", both, len(doubles), 0.95, below=False)
     yield Bar("two effects at 8 times, and no other", by[TWO, 8.0].count("right"), len(doubles), 0.90, below=False)
     for size, limit in ((0.1, 0.95), (0.03, 0.85)):
-        said = by[STRANGER, size]
-        yield Bar(f"UNKNOWN for an unlisted effect, {size:g} px", said.count("UNKNOWN"), len(said), limit, below=False)
+        printed = by[STRANGER, size]
+        yield Bar(f"UNKNOWN for an unlisted effect, {size:g} px", printed.count("UNKNOWN"), len(printed), limit, below=False)
     yield Bar(
         "correct effect at 8 times, modified time course",
         by[DEFORMED_LAW, 8.0].count("right"),
@@ -115,16 +117,16 @@ def bars(scored: Scored) -> Iterable[Bar]:
 
 def table(scored: Scored) -> str:
     """All that there are cases of, as Markdown."""
-    rows = (one.row() for one in bars(scored) if one.total)
+    rows = (item.row() for item in bars(scored) if item.total)
     lines = ["| | cases | share | bound, one-sided 95 % | required | |", "|---|---|---|---|---|---|", *rows, ""]
     return "\n".join([*lines, *_faint(scored), *_sheared(scored), *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
 
 
 def _faint(scored: Scored) -> list[str]:
-    said = Counter(str(one["outcome"]) + (", right" if judged(case, one) == "right" else "") for case, one in scored if case.faint)
-    if not said:
+    printed = Counter(str(item["outcome"]) + (", right" if judged(case, item) == "right" else "") for case, item in scored if case.faint)
+    if not printed:
         return []
-    told = ", ".join(f"{count} {outcome}" for outcome, count in said.most_common())
+    told = ", ".join(f"{count} {outcome}" for outcome, count in printed.most_common())
     return [f"Not counted above: `wrong_row_time` where twice the stated row time causes less than twice the detection limit: {told}.", ""]
 
 
@@ -132,7 +134,7 @@ def _sheared(scored: Scored) -> list[str]:
     """With and without what looks like a shear: the rule and what it changes."""
     lines = []
     for size in sorted({case.size for case, _ in scored if case.kind == ONE}):
-        every = [(case, judged(case, one)) for case, one in scored if (case.kind, case.size) == (ONE, size) and not case.faint]
+        every = [(case, judged(case, item)) for case, item in scored if (case.kind, case.size) == (ONE, size) and not case.faint]
         alike = [word for case, word in every if case.sheared]
         if alike:
             told = ", ".join(f"{count} {_WORDS.get(word, word)}" for word, count in Counter(alike).most_common())
@@ -150,8 +152,8 @@ def _each_effect(scored: Scored) -> list[str]:
     for name in DETECTABLE_PX:
         cells = []
         for size in sizes:
-            said = [judged(case, one) for case, one in scored if case.kind == ONE and case.names == (name,) and case.size == size]
-            cells.append(f"{said.count('right')} of {len(said)}")
+            printed = [judged(case, item) for case, item in scored if case.kind == ONE and case.names == (name,) and case.size == size]
+            cells.append(f"{printed.count('right')} of {len(printed)}")
         beyond = 2.0 * DETECTABLE_PX[name] > PHYSICAL_PX[name][1]
         lines.append(f"| `{name}`{' (2 times is more than occurs at x200)' if beyond else ''} | " + " | ".join(cells) + " |")
     return [*lines, ""]
@@ -161,12 +163,12 @@ def _sizes(scored: Scored) -> list[str]:
     lines = ["| size | closure, median | closure, 5th percentile | error of parameters, median | inside stated 90 % | CPU time, median |"]
     lines.append("|---|---|---|---|---|---|")
     for size in sorted({case.size for case, _ in scored if case.kind == ONE}):
-        right = [(case, one) for case, one in scored if case.kind == ONE and case.size == size and judged(case, one) == "right"]
+        right = [(case, item) for case, item in scored if case.kind == ONE and case.size == size and judged(case, item) == "right"]
         if not right:
             continue
-        closures = [float(str(one["closure"])) for _, one in right if one["closure"] is not None]
-        errors = [pair for case, one in right for pair in _errors(case, one)]
-        cpu_s = float(np.median([float(str(one["cpu_s"])) for _, one in right]))
+        closures = [float(str(item["closure"])) for _, item in right if item["closure"] is not None]
+        errors = [pair for case, item in right for pair in _errors(case, item)]
+        cpu_s = float(np.median([float(str(item["cpu_s"])) for _, item in right]))
         middle, low = (f"{np.quantile(closures, share):.3f}" if closures else "" for share in (0.5, 0.05))
         error, inside = (float(np.median([pair[0] for pair in errors])), float(np.mean([pair[1] for pair in errors]))) if errors else (0, 0)
         parts = (middle, low, f"{100 * error:.1f} %", f"{100 * inside:.0f} % of {len(errors)}", f"{cpu_s:.1f} s")
@@ -179,17 +181,19 @@ def _errors(case: Case, verdict: Verdict) -> Iterable[tuple[float, bool]]:
     told = verdict["parameters"]
     for name, values in case.truth().items():
         own = told.get(name, {}) if isinstance(told, dict) else {}
-        for one, true in values.items():
-            if one in own:
-                value, sigma = own[one]
+        for item, true in values.items():
+            if item in own:
+                value, sigma = own[item]
                 yield abs(value - true) / abs(true), abs(value - true) < 1.645 * sigma
 
 
 def _missed(scored: Scored) -> list[str]:
-    found = [(case, one) for case, one in scored if judged(case, one) not in ("right", "set") and (case.kind, one["outcome"]) not in _FINE]
+    found = [
+        (case, item) for case, item in scored if judged(case, item) not in ("right", "set") and (case.kind, item["outcome"]) not in _FINE
+    ]
     return [
-        f"- {_KINDS.get(case.kind, case.kind)} {' + '.join(case.names)}, {case.size:g}, seed {case.seed}: {one['outcome']} {one['names']}"
-        for case, one in found
+        f"- {_KINDS.get(case.kind, case.kind)} {' + '.join(case.names)}, {case.size:g}, seed {case.seed}: {item['outcome']} {item['names']}"
+        for case, item in found
     ]
 
 

@@ -51,5 +51,5 @@ def map_text(one: DisparityMap, decimals: int = 9) -> str:
     """The map as CSV, without uncertainties, points that were lost marked as such."""
     x, y = one.grid.mesh()
     rows = np.column_stack([part.ravel() for part in (x, y, one.u_px, one.v_px, one.valid)]).tolist()
-    told = (f"{x:.0f},{y:.0f},{u:.{decimals}f},{v:.{decimals}f},{valid:.0f}" for x, y, u, v, valid in rows)
-    return "\n".join(["x,y,u,v,valid", *told, ""])
+    reported = (f"{x:.0f},{y:.0f},{u:.{decimals}f},{v:.{decimals}f},{valid:.0f}" for x, y, u, v, valid in rows)
+    return "\n".join(["x,y,u,v,valid", *reported, ""])

@@ -23,13 +23,13 @@ EVERY_PX = 10
 
 def concluded(experiment: Experiment, settings: AnalysisSettings) -> RunResult:
     """What the pipeline makes of an experiment's maps; loads are as the specimen's settings and E of 71.1 GPa have it."""
-    begun = None
+    started = None
     for taken in experiment.pairs:
         decision = decision_of(taken, taken.pair, settings)
-        begun = begun or pipeline.start_from_maps(settings, decision.first, experiment.grid)
-        begun = pipeline.accumulate(begun, decision, taken.maps)
-    assert begun is not None  # an experiment has pairs
-    return pipeline.finalise(begun)
+        started = started or pipeline.start_from_maps(settings, decision.first, experiment.grid)
+        started = pipeline.accumulate(started, decision, taken.maps)
+    assert started is not None  # an experiment has pairs
+    return pipeline.finalise(started)
 
 
 def decision_of(taken: Taken, pair: int, settings: AnalysisSettings) -> PairDecision:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from numexp.noise import NoiseKind
 
-from semlive_simulators.effects.baseline_drift_underresolved import BaselineDriftUnderresolved
+from semlive_simulators.effects.drift import BaselineDriftUnderresolved
+from semlive_simulators.effects.image_field import MagnificationDrift
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.magnification_drift import MagnificationDrift
 
 Effects = Callable[[int], tuple[Effect, ...]]
 MAGNIFICATION_CHANGE = 5e-4

@@ -114,7 +114,7 @@ def make_experiment(case: Case, seed: int, grid: Grid = GRID, calibration_pairs:
     world, sights = imaged(case.setting, seed, grid, calibration_pairs)
     noise = FrameNoise(case.noise, case.noise_px, seed, WIDTH_PX, HEIGHT_PX)
     here = _points(grid)
-    return Experiment(case, seed, grid, world, tuple(_taken(noise, grid, here, one) for one in sights))
+    return Experiment(case, seed, grid, world, tuple(_taken(noise, grid, here, item) for item in sights))
 
 
 @lru_cache(maxsize=1)
@@ -158,9 +158,9 @@ def _map(noise: FrameNoise | None, grid: Grid, reference: int, current: int, bef
     if noise is not None:
         moved = moved + noise.at(current, after) - noise.at(reference, before)
         sd_px = noise.map_sd_px
-    u, v = (np.ascontiguousarray(one.reshape(grid.shape)) for one in moved.T)
-    sigma, one = np.full(grid.shape, sd_px), np.ones(grid.shape)
-    return DisparityMap(reference, current, grid, u, v, sigma, sigma, one, np.zeros(grid.shape, np.uint8))
+    u, v = (np.ascontiguousarray(item.reshape(grid.shape)) for item in moved.T)
+    sigma, item = np.full(grid.shape, sd_px), np.ones(grid.shape)
+    return DisparityMap(reference, current, grid, u, v, sigma, sigma, item, np.zeros(grid.shape, np.uint8))
 
 
 def _poses(rng: np.random.Generator, calibration_pairs: int, load_steps: int) -> Iterator[tuple[Phase, Motion]]:

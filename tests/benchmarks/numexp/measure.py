@@ -91,7 +91,7 @@ def measure(experiment: Experiment, found: Found) -> Measured:
             error = _error(seen, mechanics.displacement(seen.exact, found.correct(seen.exact)))
             mean.append(_mean_strain(error))
             field = mechanics.strain(error, WINDOW_POINTS)
-            inside = np.stack([one[field.valid] for one in (field.exx, field.eyy, field.exy)])
+            inside = np.stack([item[field.valid] for item in (field.exx, field.eyy, field.exy)])
             sd.append(inside.std(axis=1))
             largest.append(np.abs(inside).max())
             square.append(np.var(error.u_px[error.valid]) + np.var(error.v_px[error.valid]))

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numexp.experiment import Experiment
+from numexp.lens_distortion import fit_lens_distortion
 from numexp.measure import Found
 from numexp.world import HEIGHT_PX, WIDTH_PX, Field
 
@@ -15,7 +16,6 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import Correction, DistortionField
 from semlive.data.settings import EstimateSettings
 from semlive.estimate import sutton
-from semlive.estimate.sutton.lens_distortion import fit_lens_distortion
 
 
 def uncorrected(experiment: Experiment) -> Found:
@@ -66,10 +66,10 @@ def parametric(experiment: Experiment) -> Found:
 
     def correct(dmap: DisparityMap) -> Correction:
         there = here + np.stack((dmap.u_px.ravel(), dmap.v_px.ravel()), axis=1)
-        u, v = (one.reshape(dmap.grid.shape) for one in (total(there, dmap.current) - total(here, 0)).T)
+        u, v = (item.reshape(dmap.grid.shape) for item in (total(there, dmap.current) - total(here, 0)).T)
         return Correction(dmap.current, u, v)
 
-    ex, ey = (one.reshape(experiment.grid.shape) for one in fit.at(here).T)
+    ex, ey = (item.reshape(experiment.grid.shape) for item in fit.at(here).T)
     known = np.ones(experiment.grid.shape, dtype=np.bool_)
     return Found(DistortionField(experiment.grid, ex, ey, np.zeros(experiment.grid.shape), known), correct)
 

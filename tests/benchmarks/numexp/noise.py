@@ -51,7 +51,7 @@ class FrameNoise:
             self.fields[frame] = self._drawn(frame)
         where = (address_px.T[::-1] + MARGIN_PX) / LATTICE_PX
         order = 0 if self.kind is NoiseKind.WHITE else 3
-        return np.stack([map_coordinates(one, where, order=order, mode="nearest") for one in self.fields[frame]], axis=-1)
+        return np.stack([map_coordinates(item, where, order=order, mode="nearest") for item in self.fields[frame]], axis=-1)
 
     def _drawn(self, frame: int) -> NDArray[np.float64]:
         rng = np.random.default_rng((self.seed, 71, frame))

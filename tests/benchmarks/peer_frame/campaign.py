@@ -28,10 +28,10 @@ def chosen(only: Sequence[str], short: bool, healthy: int | None) -> tuple[Scena
         short: those of the short campaign.
         healthy: how many healthy runs; None: as many as fit the choice.
     """
-    faults = [one for one in ALL if (not short or one.short) and (not only or one.name.startswith(tuple(only)))]
+    faults = [item for item in ALL if (not short or item.short) and (not only or item.name.startswith(tuple(only)))]
     if healthy is None:
         healthy = 3 if short else 0 if only and faults else HEALTHY
-    runs = [one for one in healthy_runs(healthy) if not only or faults or one.name.startswith(tuple(only))]
+    runs = [item for item in healthy_runs(healthy) if not only or faults or item.name.startswith(tuple(only))]
     return (*faults, *runs)
 
 

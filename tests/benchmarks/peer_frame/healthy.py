@@ -56,8 +56,8 @@ def _run(number: int) -> Scenario:
     chance = random.Random(1000 + number)
     disp, kind = bool((number + number // len(_KINDS)) % 2), _KINDS[number % len(_KINDS)]
     device: dict[str, object] = {"seed": number}
-    for one in ("noisy", "slow", "relaxing", "hunting") if kind == "mixed" else (kind,):
-        device |= _drawn(one, chance, disp)
+    for item in ("noisy", "slow", "relaxing", "hunting") if kind == "mixed" else (kind,):
+        device |= _drawn(item, chance, disp)
     loads = list(chance.choice(_PLANS)) if kind in ("steps", "mixed") else [chance.choice([120.0, 180.0, 240.0])]
     rate = chance.choice([20.0, 40.0, 60.0])
     settings: dict[str, object] = {}

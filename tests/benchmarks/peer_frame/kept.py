@@ -24,5 +24,5 @@ def kept(path: Path | None) -> dict[str, Observed]:
         values = json.loads(line)
         name = values.pop("scenario")
         values |= {key: tuple(values[key]) for key in ("states", "stops_s", "unloadings")}
-        found[name] = Observed(**{**values, "faults": tuple(Fault(**one) for one in values["faults"])})
+        found[name] = Observed(**{**values, "faults": tuple(Fault(**item) for item in values["faults"])})
     return found

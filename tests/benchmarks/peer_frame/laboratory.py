@@ -223,7 +223,7 @@ class Trial:
             return False
         since_s = reached[0]
         if when.force_n is not None:
-            passed = [one.at_s for one in self.device.samples if one.at_s >= since_s and one.force_n >= when.force_n]
+            passed = [item.at_s for item in self.device.samples if item.at_s >= since_s and item.force_n >= when.force_n]
             if not passed:
                 return False
             since_s = passed[0]
@@ -263,10 +263,10 @@ class Trial:
 
     def close(self) -> None:
         """Kill whatever still runs."""
-        for one in (*self.daemons, *([self.second] if self.second else [])):
-            if one.process.poll() is None:
-                os.killpg(one.process.pid, signal.SIGKILL)
-                one.process.wait()
+        for item in (*self.daemons, *([self.second] if self.second else [])):
+            if item.process.poll() is None:
+                os.killpg(item.process.pid, signal.SIGKILL)
+                item.process.wait()
 
 
 def _signal(trial: Trial, name: str) -> None:

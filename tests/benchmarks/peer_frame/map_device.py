@@ -2,7 +2,7 @@
 
     python map_device.py PORT LOG KIND [NAME=VALUE ...]
 
-KIND is a name of `KINDS`. NAME=VALUE are characters and fault switches of second_machine.py. Serial lines are pseudo-terminals ``line1``,
+KIND is a name of `KINDS`. NAME=VALUE are characters and fault switches of second_settings.py. Serial lines are pseudo-terminals ``line1``,
 ``line2`` in the folder of LOG, a load file is ``load.csv`` there. Modbus TCP and the commands over UDP are at 127.0.0.1:PORT as for
 second_frame.py, with two more commands: ``hand TARGET RATE`` and ``handstop`` are what a person does at the machine's own panel.
 """
@@ -170,5 +170,5 @@ async def _serve(port: int, log: str, kind: str, given: dict[str, float]) -> Non
 
 
 if __name__ == "__main__":
-    named = {name: float(value) for name, value in (one.split("=") for one in sys.argv[4:])}
+    named = {name: float(value) for name, value in (item.split("=") for item in sys.argv[4:])}
     asyncio.run(_serve(int(sys.argv[1]), sys.argv[2], sys.argv[3], named))

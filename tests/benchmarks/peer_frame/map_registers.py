@@ -9,7 +9,8 @@ import math
 import time
 from collections.abc import Mapping
 
-from second_machine import FAULT, MOVING, Machine
+from second_machine import Machine
+from second_settings import FAULT, MOVING
 from unit_registers import Note, UnitRegisters, f32, u32
 
 

@@ -6,7 +6,8 @@ import math
 import re
 from typing import Protocol
 
-from second_machine import FAULT, MOVING, Machine
+from second_machine import Machine
+from second_settings import FAULT, MOVING
 from unit_registers import Note
 
 

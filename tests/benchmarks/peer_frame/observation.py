@@ -37,7 +37,7 @@ def observe(
     stops_s = stop_requests(entries, fault_s, ended_s) if fault_s is not None else []
     if instant_s is not None and stops_s and stops_s[0] < instant_s:
         instant_s = stops_s[0]
-    resumed_s = [one.at_s for one in motion_orders(entries, stops_s[0])] if stops_s else []
+    resumed_s = [item.at_s for item in motion_orders(entries, stops_s[0])] if stops_s else []
     now = trial.device.state()
     stiffness_n_mm = float(str(trial.scenario.device.get("stiffness_n_mm", STIFFNESS_N_MM)))
     unloading = unloadings(entries, stiffness_n_mm, TOLERANCE_N)
@@ -47,7 +47,7 @@ def observe(
         ended_s=ended_s,
         by_itself=by_itself,
         exit_code=exit_code,
-        said=" ".join(one.said() for one in trial.daemons),
+        said=" ".join(item.said() for item in trial.daemons),
         faults=tuple(follower.faults[:counted]),
         states=tuple(state for state, _, _ in follower.states),
         loaded_pairs=follower.loaded_pairs,
@@ -57,7 +57,7 @@ def observe(
         stops_s=tuple(stops_s),
         silence_s=longest_silence(readings, stops_s, ended_s, resumed_s),
         rested=bool(now and not now.moving),
-        unloadings=tuple(f"from {one.from_n:.0f} to {one.to_n:.0f} N" for one in unloading),
+        unloadings=tuple(f"from {item.from_n:.0f} to {item.to_n:.0f} N" for item in unloading),
         orders=len(motion_orders(entries, fault_s)) if fault_s is not None else 0,
         moved=bool(motion_orders(entries, 0.0)),
         registers=trial.device.registers(),

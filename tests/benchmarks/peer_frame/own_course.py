@@ -161,10 +161,10 @@ COURSES = (
 
 def _master(name: str, what: str, when: When, *commands: str, **changes: object) -> Scenario:
     """Another master on another computer orders the independent frame."""
-    one = Scenario(
+    item = Scenario(
         f"master-{name}", what, "stop, fault, nothing ordered again", _FOREIGN, (Act(when, commands),), unloaded=0, clients=8, watch_s=9.0
     )
-    return replace(one, **changes)
+    return replace(item, **changes)
 
 
 MASTERS = (
@@ -224,8 +224,8 @@ RESTS = (
 
 
 def _config(name: str, what: str, *text: tuple[str, str], **changes: object) -> Scenario:
-    one = Scenario(f"config-{name}", what, "refused before any motion", _REFUSED, text=text)
-    return replace(one, **changes)
+    item = Scenario(f"config-{name}", what, "refused before any motion", _REFUSED, text=text)
+    return replace(item, **changes)
 
 
 CONFIGURATIONS = (

@@ -40,17 +40,17 @@ _CALIBRATION = (When("holding", step=0, after_s=0.5), {"protocol": {"hold_s": 5.
 def _rest(phase: str, name: str, must: str, expected: Expected, *commands: str, map: str = F32) -> Scenario:
     """At rest in a phase under load."""
     when, changes = _PHASES[phase]
-    one = Scenario(
+    item = Scenario(
         f"{phase}-{name}", f"{phase}: {', '.join(commands)}", must, expected, (Act(when, commands),), map, unloaded=0, watch_s=9.0
     )
-    return replace(one, **changes)
+    return replace(item, **changes)
 
 
 def _calibration(name: str, must: str, expected: Expected, *commands: str) -> Scenario:
     """In the hold of an unloaded pair."""
     when, changes = _CALIBRATION
-    one = Scenario(f"calibration-{name}", f"unloaded hold: {', '.join(commands)}", must, expected, (Act(when, commands),), watch_s=9.0)
-    return replace(one, **changes)
+    item = Scenario(f"calibration-{name}", f"unloaded hold: {', '.join(commands)}", must, expected, (Act(when, commands),), watch_s=9.0)
+    return replace(item, **changes)
 
 
 _AT_REST = "no motion of its own; fault"

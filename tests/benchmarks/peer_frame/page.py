@@ -78,10 +78,10 @@ def _cell(text: str) -> str:
 
 
 def _row(verdict: Verdict) -> str:
-    one, observed = verdict.scenario, verdict.observed
+    item, observed = verdict.scenario, verdict.observed
     peak = "" if observed is None else f"{observed.peak_n:.0f}"
     found = "as it must be" if verdict.passed else f"**failed**: {'; '.join(verdict.failings)}"
-    cells = (one.name, one.what, one.must, peak, stop_time(verdict), _code(verdict), operator_text(verdict)[:220], found)
+    cells = (item.name, item.what, item.must, peak, stop_time(verdict), _code(verdict), operator_text(verdict)[:220], found)
     return f"| {' | '.join(_cell(cell) for cell in cells)} |"
 
 
@@ -89,18 +89,18 @@ def _healthy(verdicts: Sequence[Verdict]) -> Iterator[str]:
     yield "| kind | runs | completed | in displacement control | false stops |"
     yield "|---|---|---|---|---|"
     kinds: dict[str, list[Verdict]] = {}
-    for one in verdicts:
-        kinds.setdefault(one.scenario.what.partition(":")[0], []).append(one)
+    for item in verdicts:
+        kinds.setdefault(item.scenario.what.partition(":")[0], []).append(item)
     for kind, runs in kinds.items():
-        disp = sum(one.scenario.is_displacement for one in runs)
-        wrong = [f"{one.scenario.name}: {'; '.join(one.failings)}" for one in runs if not one.passed]
-        yield f"| {kind} | {len(runs)} | {sum(one.passed for one in runs)} | {disp} | {_cell('; '.join(wrong)) or 0} |"
+        disp = sum(item.scenario.is_displacement for item in runs)
+        wrong = [f"{item.scenario.name}: {'; '.join(item.failings)}" for item in runs if not item.passed]
+        yield f"| {kind} | {len(runs)} | {sum(item.passed for item in runs)} | {disp} | {_cell('; '.join(wrong)) or 0} |"
 
 
 def _circumstances(verdicts: Sequence[Verdict]) -> str:
     """How many processors there were, how busy they were at the end, and how long a trial took."""
-    observed = [one.observed for one in verdicts if one.observed is not None]
-    walls, starts = ([getattr(one, name) for one in observed] or [0.0] for name in ("wall_s", "start_s"))
+    observed = [item.observed for item in verdicts if item.observed is not None]
+    walls, starts = ([getattr(item, name) for item in observed] or [0.0] for name in ("wall_s", "start_s"))
     computer = f"{os.cpu_count()} processors, load average {os.getloadavg()[0]:.1f}"
     return f"({computer}; a trial took {median(walls):.0f} s, of which the start of the daemon {median(starts):.0f} s, in the median):"
 
@@ -123,14 +123,14 @@ def write(verdicts: Sequence[Verdict], bars: Bars, options: Sequence[str]) -> No
     text = PAGE.read_text(encoding="utf-8")
     command = " ".join(("python tests/benchmarks/bench_peer_frame.py", *options))
     text = _between(
-        text, "figures", "\n".join([f"Written by `{command}`.", "", *(f"- {_cell(one)}" for one in summary(bars).splitlines())])
+        text, "figures", "\n".join([f"Written by `{command}`.", "", *(f"- {_cell(item)}" for item in summary(bars).splitlines())])
     )
     for group, mark in ((Group.README, "list"), (Group.OWN, "own")):
-        rows = [_row(one) for one in verdicts if one.scenario.group is group]
+        rows = [_row(item) for item in verdicts if item.scenario.group is group]
         text = _between(
             text, mark, "\n".join((f"| {' | '.join(_COLUMNS)} |", "|---" * len(_COLUMNS) + "|", *rows)) if rows else "None was run."
         )
-    runs = [one for one in verdicts if one.scenario.group is Group.HEALTHY]
+    runs = [item for item in verdicts if item.scenario.group is Group.HEALTHY]
     text = _between(text, "healthy", "\n".join(_healthy(runs)) if runs else "None was run.")
     PAGE.write_text(text, encoding="utf-8")
 
@@ -147,12 +147,12 @@ def write_maps(verdicts: Sequence[Verdict], bars: Bars, options: str) -> None:
         ValueError: the page has lost its marks.
     """
     command = f"python tests/benchmarks/bench_every_map.py {options}"
-    rows = [_row(one) for one in verdicts]
+    rows = [_row(item) for item in verdicts]
     head = (f"| {' | '.join(_COLUMNS)} |", "|---" * len(_COLUMNS) + "|")
     lines = (
         f"Written by `{command}` {_circumstances(verdicts)}",
         "",
-        *(f"- {_cell(one)}" for one in summary(bars).splitlines()),
+        *(f"- {_cell(item)}" for item in summary(bars).splitlines()),
         "",
         *head,
         *rows,

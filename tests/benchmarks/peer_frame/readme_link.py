@@ -30,8 +30,8 @@ def _later(after_s: float, *commands: str) -> tuple[Act, ...]:
 
 def _refused(name: str, what: str, *text: tuple[str, str], **sections: dict[str, object]) -> Scenario:
     """A configuration that must be refused before the first motion."""
-    one = Scenario(name, what, "refused with name and line, before any motion", _REFUSED, group=Group.README, text=text)
-    return replace(one, **sections)
+    item = Scenario(name, what, "refused with name and line, before any motion", _REFUSED, group=Group.README, text=text)
+    return replace(item, **sections)
 
 
 LINKS = (

@@ -2,7 +2,7 @@
 
     python second_frame.py PORT LOG [NAME=VALUE ...]
 
-NAME=VALUE are characters (`Character` in second_machine.py) and fault switches (`Switches`). Modbus on 127.0.0.1:PORT for any number of
+NAME=VALUE are characters (`Character` in second_settings.py) and fault switches (`Switches`). Modbus on 127.0.0.1:PORT for any number of
 clients, commands `NAME VALUE` over UDP at the same port, `?` is answered with time, F, E, motion, target, rate, counter; the log has the
 form of the independent frame's. Only the standard library is used.
 
@@ -22,7 +22,8 @@ from typing import cast
 
 sys.path.insert(0, __file__.rpartition("/")[0])
 
-from second_machine import Character, Machine, Switches
+from second_machine import Machine
+from second_settings import Character, Switches
 from unit_registers import Note, UnitRegisters, f32, u32
 
 _STEP_S = 0.002
@@ -86,8 +87,8 @@ class Server:
 
     def note(self, what: str) -> None:
         """A line of the log."""
-        one = self.machine
-        self._log.write(f"{time.monotonic():.6f} F={one.force_n:.3f} E={one.extension_mm:.5f} mv={int(one.moving)} {what}\n")
+        item = self.machine
+        self._log.write(f"{time.monotonic():.6f} F={item.force_n:.3f} E={item.extension_mm:.5f} mv={int(item.moving)} {what}\n")
         self._log.flush()
 
     # ---- Modbus
@@ -173,8 +174,9 @@ class Control(asyncio.DatagramProtocol):
         if not data.startswith(b"?"):
             self._server.command(data.decode().strip())
             return
-        one = self._server.machine
-        text = f"{time.monotonic():.6f} {one.force_n:.4f} {one.extension_mm:.6f} {int(one.moving)} {one.target_n:.3f} {one.rate_n_s:.3f} 0"
+        true = self._server.machine
+        motion = f"{int(true.moving)} {true.target_n:.3f} {true.rate_n_s:.3f} 0"
+        text = f"{time.monotonic():.6f} {true.force_n:.4f} {true.extension_mm:.6f} {motion}"
         self._transport.sendto(text.encode(), addr)
 
 
@@ -198,4 +200,4 @@ async def _serve(port: int, log: str, given: dict[str, float]) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(_serve(int(sys.argv[1]), sys.argv[2], {name: float(value) for name, value in (one.split("=") for one in sys.argv[3:])}))
+    asyncio.run(_serve(int(sys.argv[1]), sys.argv[2], {name: float(value) for name, value in (item.split("=") for item in sys.argv[3:])}))

@@ -6,168 +6,8 @@ import math
 import random
 import time
 from collections import deque
-from dataclasses import dataclass
 
-STILL, MOVING, FAULT = 0, 1, 2
-
-
-@dataclass
-class Character:
-    """What a healthy machine is like.
-
-    Attributes:
-        seed: of everything drawn.
-        stiffness_n_mm: specimen, grips and machine in series, N/mm.
-        toe_n: below this load the stiffness is smaller, N.
-        toe_part: by this factor.
-        slack_mm: travel before any load.
-        noise_n, lsb_n, drift_n_s: standard deviation, step and drift of the cell.
-        cell_s: the cell gives a new value so often, s; 0: always.
-        lag_s: time constant of the cell's filter, s.
-        extension_noise_mm, extension_lsb_mm: of the extension.
-        latency_s, jitter_s: of a reply: at least, and the mean of what is added.
-        start_s: from an order to the begin of motion, s.
-        servo_rad_s, damping: of the closed loop in load control.
-        speed_mm_s: fastest motion in load control.
-        hold_force: the servo holds the load after arrival; else the position is held.
-        relax, relax_s: part of the load that relaxes at a constant position, and its time constant, s.
-        hunt_n, hunt_hz: amplitude and frequency of the servo at rest.
-        sensed: the servo acts on the cell's reading, so a fault of the cell moves the machine; else on the true load.
-        pieces: replies are sent byte by byte.
-    """
-
-    seed: float = 0
-    stiffness_n_mm: float = 20_000.0
-    toe_n: float = 0.0
-    toe_part: float = 1.0
-    slack_mm: float = 0.0
-    noise_n: float = 0.05
-    lsb_n: float = 0.0
-    drift_n_s: float = 0.0
-    cell_s: float = 0.0
-    lag_s: float = 0.0
-    extension_noise_mm: float = 0.0
-    extension_lsb_mm: float = 1e-6
-    latency_s: float = 0.001
-    jitter_s: float = 0.0
-    start_s: float = 0.0
-    servo_rad_s: float = 25.0
-    damping: float = 0.9
-    speed_mm_s: float = 0.006
-    hold_force: float = 0.0
-    relax: float = 0.0
-    relax_s: float = 10.0
-    hunt_n: float = 0.0
-    hunt_hz: float = 1.0
-    sensed: float = 0.0
-    pieces: float = 0.0
-
-
-@dataclass
-class Switches:
-    """Faults; 0 is off. Forces in N, times in s.
-
-    Attributes:
-        freeze: the reading of the force is constant, without noise.
-        freezeat: the same from this true force on.
-        noisyfreeze: the reading is constant except for noise.
-        clip: the true force is clipped there, noise is added after.
-        sticky: the reading is cut down to a multiple of this.
-        flip: the sign of the reading turns within this time.
-        fade: the gain of the reading falls to 0 within this time.
-        gain: of the reading.
-        jump: is added to the reading.
-        spike: so many readings are 10,000 N.
-        nan, inf: the reading is none.
-        late: delay of the force in its register, s.
-        efreeze: the extension is constant.
-        ejump: is added to the extension, mm.
-        stuckmoving, stuckstill: constant value of the state.
-        ratex: motion is so many times as fast.
-        targetx: a ramp goes to so many times its target.
-        runaway: a ramp does not end.
-        wrongway: motion in the other direction.
-        jam: no motion, although the state is moving.
-        roundtarget: targets are rounded to a multiple of this.
-        hiddentarget: the machine goes to this load, and the registers do not show it.
-        countback, countstop: the counter of readings decreases, or stops.
-        swap: bytes of input registers are swapped.
-        stopdelay: a stop is obeyed so much later.
-        ignorestop: so many stop orders are not obeyed.
-        coast: after a stop it comes to rest within this time.
-        creep: the load changes at rest, N/s.
-        trip: the machine is in fault and rests.
-        hole, mute: nothing is executed and answered; executed, not answered.
-        delay: replies come so much later, ms.
-        busy: so many reads are answered with exception 6.
-        excw: writes but stops are answered with this exception.
-        wignore: writes are acknowledged and not taken.
-        badtid, wrongunit, wrongfunc, trunc: replies that are not valid.
-        enable: only switching the drive off stops it.
-        only: number of the link that hole, mute, delay and busy concern; 0: every link.
-        nobeat: the watchdog of the device does not expire.
-    """
-
-    freeze: float = 0
-    freezeat: float = 0
-    noisyfreeze: float = 0
-    clip: float = 0
-    sticky: float = 0
-    flip: float = 0
-    fade: float = 0
-    gain: float = 0
-    jump: float = 0
-    spike: int = 0
-    nan: float = 0
-    inf: float = 0
-    late: float = 0
-    efreeze: float = 0
-    ejump: float = 0
-    stuckmoving: float = 0
-    stuckstill: float = 0
-    ratex: float = 0
-    targetx: float = 0
-    runaway: float = 0
-    wrongway: float = 0
-    jam: float = 0
-    roundtarget: float = 0
-    hiddentarget: float = 0
-    countback: float = 0
-    countstop: float = 0
-    swap: float = 0
-    stopdelay: float = 0
-    ignorestop: int = 0
-    coast: float = 0
-    creep: float = 0
-    trip: float = 0
-    hole: float = 0
-    mute: float = 0
-    delay: float = 0
-    busy: int = 0
-    excw: int = 0
-    wignore: float = 0
-    badtid: float = 0
-    wrongunit: float = 0
-    wrongfunc: float = 0
-    trunc: float = 0
-    enable: float = 0
-    only: float = 0
-    nobeat: float = 0
-
-    def concern(self, link: int) -> bool:
-        """Whether faults of links act on this one."""
-        return self.only in (0, link)
-
-
-@dataclass(frozen=True)
-class Shown:
-    """Values of the registers."""
-
-    state: int
-    force_n: float
-    extension_mm: float
-    target_n: float
-    counter: int
+from second_settings import FAULT, MOVING, STILL, Character, Shown, Switches
 
 
 class Machine:
@@ -292,7 +132,7 @@ class Machine:
         return noted
 
     def _ramped(self, dt: float) -> str | None:
-        one, rate = self.character, self.rate_n_s * (self.switches.ratex or 1.0)
+        item, rate = self.character, self.rate_n_s * (self.switches.ratex or 1.0)
         target = self.switches.hiddentarget or self.target_n * (self.switches.targetx or 1.0)
         gap = target - self._setpoint_n
         arrived = abs(gap) <= rate * dt and not self.switches.runaway
@@ -300,9 +140,9 @@ class Machine:
         self._setpoint_n = target if arrived else self._setpoint_n + slope * dt
         force_n, stiffness = self._sensed(), max(self._stiffness(), 1.0)
         way = -1.0 if self.switches.wrongway else 1.0
-        pull = one.servo_rad_s**2 * (self._setpoint_n - force_n) / stiffness
-        self._speed_mm_s += dt * (way * pull - 2.0 * one.damping * one.servo_rad_s * (self._speed_mm_s - way * slope / stiffness))
-        fastest = one.speed_mm_s * (self.switches.ratex or 1.0)
+        pull = item.servo_rad_s**2 * (self._setpoint_n - force_n) / stiffness
+        self._speed_mm_s += dt * (way * pull - 2.0 * item.damping * item.servo_rad_s * (self._speed_mm_s - way * slope / stiffness))
+        fastest = item.speed_mm_s * (self.switches.ratex or 1.0)
         self._speed_mm_s = min(max(self._speed_mm_s, -fastest), fastest)
         slowed = 1.0
         if self._stop_at_s is not None and self.switches.coast:
@@ -326,16 +166,16 @@ class Machine:
         return None
 
     def _at_rest(self, dt: float) -> None:
-        one, stiffness = self.character, max(self._stiffness(), 1.0)
-        bound = one.relax * (self.force_n + self.relaxed_n)
-        if one.relax and self.relaxed_n < bound:
-            self.relaxed_n += dt / one.relax_s * (bound - self.relaxed_n)
-            if one.hold_force:
-                self.extension_mm += dt / one.relax_s * (bound - self.relaxed_n) / stiffness
+        item, stiffness = self.character, max(self._stiffness(), 1.0)
+        bound = item.relax * (self.force_n + self.relaxed_n)
+        if item.relax and self.relaxed_n < bound:
+            self.relaxed_n += dt / item.relax_s * (bound - self.relaxed_n)
+            if item.hold_force:
+                self.extension_mm += dt / item.relax_s * (bound - self.relaxed_n) / stiffness
         self.extension_mm += dt * self.switches.creep / stiffness
-        if one.hunt_n and self.force_n > 20.0:
-            turn = 2.0 * math.pi * one.hunt_hz
-            self.extension_mm += dt * turn * one.hunt_n * math.cos(turn * self._now_s) / stiffness
+        if item.hunt_n and self.force_n > 20.0:
+            turn = 2.0 * math.pi * item.hunt_hz
+            self.extension_mm += dt * turn * item.hunt_n * math.cos(turn * self._now_s) / stiffness
 
     # ---- the specimen
 
@@ -343,19 +183,19 @@ class Machine:
         return self.character.stiffness_n_mm * (self.character.toe_part if self.force_n < self.character.toe_n else 1.0)
 
     def _load(self) -> None:
-        one = self.character
-        way, soft = max(0.0, self.extension_mm - one.slack_mm), one.stiffness_n_mm * one.toe_part
-        bend = one.toe_n / soft if one.toe_n else 0.0
-        elastic = soft * min(way, bend) + one.stiffness_n_mm * max(0.0, way - bend)
+        item = self.character
+        way, soft = max(0.0, self.extension_mm - item.slack_mm), item.stiffness_n_mm * item.toe_part
+        bend = item.toe_n / soft if item.toe_n else 0.0
+        elastic = soft * min(way, bend) + item.stiffness_n_mm * max(0.0, way - bend)
         if self.extension_mm < 0.0:
-            elastic = one.stiffness_n_mm * self.extension_mm
+            elastic = item.stiffness_n_mm * self.extension_mm
         self.force_n = elastic - self.relaxed_n if elastic > 0.0 else elastic
 
     def _inverse(self, force_n: float) -> float:
-        one = self.character
-        soft = one.stiffness_n_mm * one.toe_part
-        bend = min(force_n, one.toe_n)
-        return one.slack_mm + bend / soft + (force_n - bend) / one.stiffness_n_mm
+        item = self.character
+        soft = item.stiffness_n_mm * item.toe_part
+        bend = min(force_n, item.toe_n)
+        return item.slack_mm + bend / soft + (force_n - bend) / item.stiffness_n_mm
 
     # ---- the cell
 
@@ -386,12 +226,12 @@ class Machine:
 
     def shown(self) -> Shown:
         """Present values of the registers."""
-        s, one, now_s = self.switches, self.character, time.monotonic()
-        if now_s >= self._value[0] + one.cell_s:
-            force_n = self._spoilt(self._filtered_n) + one.drift_n_s * (now_s - self._born_s)
+        s, item, now_s = self.switches, self.character, time.monotonic()
+        if now_s >= self._value[0] + item.cell_s:
+            force_n = self._spoilt(self._filtered_n) + item.drift_n_s * (now_s - self._born_s)
             if not (s.freeze or (s.freezeat and self._frozen_n is not None)):
-                force_n += self._chance.gauss(0.0, one.noise_n)
-            force_n = round(force_n / one.lsb_n) * one.lsb_n if one.lsb_n else force_n
+                force_n += self._chance.gauss(0.0, item.noise_n)
+            force_n = round(force_n / item.lsb_n) * item.lsb_n if item.lsb_n else force_n
             self._value = (now_s, math.floor(force_n / s.sticky) * s.sticky if s.sticky else force_n)
         force_n = self._value[1]
         if s.spike > 0:
@@ -401,11 +241,11 @@ class Machine:
         return Shown(self._state(), force_n, self._extension(), self.target_n, int(self._count) % 2**32)
 
     def _extension(self) -> float:
-        s, one = self.switches, self.character
+        s, item = self.switches, self.character
         self._frozen_mm = None if not s.efreeze else self.extension_mm if self._frozen_mm is None else self._frozen_mm
         value = self.extension_mm if self._frozen_mm is None else self._frozen_mm
-        value += self._chance.gauss(0.0, one.extension_noise_mm) if self._frozen_mm is None else 0.0
-        return round(value / one.extension_lsb_mm) * one.extension_lsb_mm + s.ejump
+        value += self._chance.gauss(0.0, item.extension_noise_mm) if self._frozen_mm is None else 0.0
+        return round(value / item.extension_lsb_mm) * item.extension_lsb_mm + s.ejump
 
     def _state(self) -> int:
         s = self.switches
@@ -415,6 +255,6 @@ class Machine:
 
     def reply_latency_s(self, link: int = 0) -> float:
         """How long the next reply on a link takes, s."""
-        one = self.character
-        added = self._chance.expovariate(1.0 / one.jitter_s) if one.jitter_s else 0.0
-        return min(one.latency_s + added, 0.25) + (self.switches.delay / 1e3 if self.switches.concern(link) else 0.0)
+        item = self.character
+        added = self._chance.expovariate(1.0 / item.jitter_s) if item.jitter_s else 0.0
+        return min(item.latency_s + added, 0.25) + (self.switches.delay / 1e3 if self.switches.concern(link) else 0.0)

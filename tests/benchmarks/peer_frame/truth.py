@@ -52,14 +52,15 @@ def read_log(path: Path) -> list[Entry]:
     text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
     found = [match for line in text.splitlines() if (match := _LINE.match(line))]
     return [
-        Entry(float(one["at"]), float(one["force"]), float(one["extension"]), one["moving"] != "0", one["what"].strip()) for one in found
+        Entry(float(item["at"]), float(item["force"]), float(item["extension"]), item["moving"] != "0", item["what"].strip())
+        for item in found
     ]
 
 
 def merged(entries: list[Entry], sampled: list[Reading]) -> list[Reading]:
     """The true state over time, from both sources, in order."""
-    from_log = [Reading(one.at_s, one.force_n, one.extension_mm, one.moving) for one in entries]
-    return sorted([*from_log, *sampled], key=lambda one: one.at_s)
+    from_log = [Reading(item.at_s, item.force_n, item.extension_mm, item.moving) for item in entries]
+    return sorted([*from_log, *sampled], key=lambda item: item.at_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,14 +75,14 @@ class Unloading:
 def unloadings(entries: list[Entry], stiffness_n_mm: float, tolerance_n: float) -> list[Unloading]:
     """Orders to a load that is lower than the true load by more than a tolerance."""
     found = []
-    for one in entries:
-        to_n = one.force_n
-        if ramp := _RAMP.match(one.what):
+    for item in entries:
+        to_n = item.force_n
+        if ramp := _RAMP.match(item.what):
             to_n = float(ramp["target"])
-        elif (move := _MOVE.match(one.what)) and move["direction"] not in ("0", "1"):
-            to_n = one.force_n - float(move["travel"]) * stiffness_n_mm
-        if to_n < one.force_n - tolerance_n:
-            found.append(Unloading(one.at_s, one.force_n, to_n))
+        elif (move := _MOVE.match(item.what)) and move["direction"] not in ("0", "1"):
+            to_n = item.force_n - float(move["travel"]) * stiffness_n_mm
+        if to_n < item.force_n - tolerance_n:
+            found.append(Unloading(item.at_s, item.force_n, to_n))
     return found
 
 
@@ -89,7 +90,7 @@ def without_foreign(entries: list[Entry], foreign: list[tuple[float, int]]) -> l
     """The log without what another master ordered: instants, and 1 for a ramp, 2 for a stop."""
     retained = list(entries)
     for at_s, command in foreign:
-        found = (one for one in retained if one.at_s >= at_s and (one.is_stop_request if command == 2 else _RAMP.match(one.what)))
+        found = (item for item in retained if item.at_s >= at_s and (item.is_stop_request if command == 2 else _RAMP.match(item.what)))
         if (own := next(found, None)) is not None:
             retained.remove(own)
     return retained
@@ -97,22 +98,22 @@ def without_foreign(entries: list[Entry], foreign: list[tuple[float, int]]) -> l
 
 def motion_orders(entries: list[Entry], since_s: float) -> list[Entry]:
     """Orders to move that the device took after an instant."""
-    return [one for one in entries if one.at_s > since_s and (_RAMP.match(one.what) or _MOVE.match(one.what))]
+    return [item for item in entries if item.at_s > since_s and (_RAMP.match(item.what) or _MOVE.match(item.what))]
 
 
 def stop_requests(entries: list[Entry], since_s: float, until_s: float) -> list[float]:
     """Instants of the stop orders on the wire."""
-    return [one.at_s for one in entries if one.is_stop_request and since_s <= one.at_s <= until_s]
+    return [item.at_s for item in entries if item.is_stop_request and since_s <= item.at_s <= until_s]
 
 
 def peak(readings: list[Reading], until_s: float = float("inf")) -> float:
     """Largest true force, N."""
-    return max((one.force_n for one in readings if one.at_s <= until_s), default=0.0)
+    return max((item.force_n for item in readings if item.at_s <= until_s), default=0.0)
 
 
 def when_force_passes(readings: list[Reading], force_n: float, since_s: float = 0.0) -> float | None:
     """When the true force was first at or above a value after an instant; None if it never was."""
-    return next((one.at_s for one in readings if one.at_s >= since_s and one.force_n >= force_n), None)
+    return next((item.at_s for item in readings if item.at_s >= since_s and item.force_n >= force_n), None)
 
 
 def longest_silence(readings: list[Reading], stops_s: list[float], until_s: float, ordered_s: Sequence[float] = ()) -> float:
@@ -130,13 +131,15 @@ def longest_silence(readings: list[Reading], stops_s: list[float], until_s: floa
         The longest such time over all pursuits; 0 without a stop order, or where the device rested at once.
     """
     edges = [float("-inf"), *(at_s for at_s in ordered_s if at_s <= until_s), float("inf")]
-    return max((_silence(readings, [one for one in stops_s if a <= one < b], min(until_s, b), b) for a, b in pairwise(edges)), default=0.0)
+    return max(
+        (_silence(readings, [item for item in stops_s if a <= item < b], min(until_s, b), b) for a, b in pairwise(edges)), default=0.0
+    )
 
 
 def _silence(readings: list[Reading], stops_s: list[float], until_s: float, ordered_s: float) -> float:
     """The longest silence of the pursuit that `stops_s` began, until an instant and before the next motion order."""
     if not stops_s:
         return 0.0
-    moving = [one.at_s for one in readings if stops_s[0] <= one.at_s <= until_s and one.at_s < ordered_s and one.moving]
+    moving = [item.at_s for item in readings if stops_s[0] <= item.at_s <= until_s and item.at_s < ordered_s and item.moving]
     marks = [*stops_s, until_s]
     return max((max((at_s for at_s in moving if a <= at_s <= b), default=a) - a for a, b in pairwise(marks)), default=0.0)

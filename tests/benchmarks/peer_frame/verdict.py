@@ -121,7 +121,7 @@ def _load(scenario: Scenario, observed: Observed) -> Iterator[str]:
 
 
 def _message(scenario: Scenario, observed: Observed) -> Iterator[str]:
-    messages = f"{observed.said} {observed.second} {' '.join(one.what + ' ' + one.action for one in observed.faults)}"
+    messages = f"{observed.said} {observed.second} {' '.join(item.what + ' ' + item.action for item in observed.faults)}"
     if scenario.expected.says and not re.search(scenario.expected.says, messages, re.IGNORECASE):
         yield f"no message to the operator matches '{scenario.expected.says}'"
 
@@ -176,16 +176,16 @@ class Bars:
 
 def figures(verdicts: Sequence[Verdict]) -> Bars:
     """Figures over a campaign."""
-    trials = [one for one in verdicts if not one.scenario.is_healthy]
-    healthy = [one for one in verdicts if one.scenario.is_healthy]
-    observed = [(one.scenario, one.observed) for one in trials if one.observed is not None]
+    trials = [item for item in verdicts if not item.scenario.is_healthy]
+    healthy = [item for item in verdicts if item.scenario.is_healthy]
+    observed = [(item.scenario, item.observed) for item in trials if item.observed is not None]
     bounded = [(scenario, found) for scenario, found in observed if scenario.expected.peak_n is not None]
     timed = [(scenario, found) for scenario, found in observed if scenario.expected.timed and found.instant_s is not None]
     times = sorted(found.stop_after_s for _, found in timed if found.stop_after_s is not None)
     return Bars(
         trials=len(trials),
-        passed=sum(one.passed for one in trials),
-        broken=sum(one.observed is None for one in verdicts),
+        passed=sum(item.passed for item in trials),
+        broken=sum(item.observed is None for item in verdicts),
         worst_peak_n=max((found.peak_n for _, found in bounded), default=0.0),
         over_peak=tuple(scenario.name for scenario, found in bounded if found.peak_n > (scenario.expected.peak_n or math.inf)),
         unloading=tuple(scenario.name for scenario, found in observed if found.unloadings and not scenario.expected.unloads),
@@ -200,7 +200,7 @@ def figures(verdicts: Sequence[Verdict]) -> Bars:
         worst_s=_quantile(times, 1.0),
         missed=tuple(scenario.name for scenario, found in timed if found.stop_after_s is None),
         healthy=len(healthy),
-        false_stops=tuple(one.scenario.name for one in healthy if not one.passed),
+        false_stops=tuple(item.scenario.name for item in healthy if not item.passed),
     )
 
 

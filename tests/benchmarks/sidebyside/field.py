@@ -40,12 +40,12 @@ def compared(result: RunResult) -> RunResult:
 
 
 def _place(grid: Grid) -> tuple[slice, slice] | None:
-    asked = PAPER_POINTS
-    if (grid.step_px, grid.subset_px) != (asked.step_px, asked.subset_px):
+    requests = PAPER_POINTS
+    if (grid.step_px, grid.subset_px) != (requests.step_px, requests.subset_px):
         return None
-    row, below = divmod(asked.y0_px - grid.y0_px, grid.step_px)
-    column, beside = divmod(asked.x0_px - grid.x0_px, grid.step_px)
-    whole = row >= 0 and column >= 0 and row + asked.ny <= grid.ny and column + asked.nx <= grid.nx
+    row, below = divmod(requests.y0_px - grid.y0_px, grid.step_px)
+    column, beside = divmod(requests.x0_px - grid.x0_px, grid.step_px)
+    whole = row >= 0 and column >= 0 and row + requests.ny <= grid.ny and column + requests.nx <= grid.nx
     if below or beside or not whole:
         return None
-    return slice(row, row + asked.ny), slice(column, column + asked.nx)
+    return slice(row, row + requests.ny), slice(column, column + requests.nx)

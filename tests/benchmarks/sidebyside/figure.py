@@ -37,11 +37,11 @@ def _curve(axes: Axes, figures: RunFigures, names: tuple[str, ...]) -> None:
     curve = next(iter(figures.phases.values())).curve
     length = [row.vsg_px for row in curve]
     points = [pooled(figures, at, names) for at in range(len(curve))]
-    axes.loglog(length, [one.predicted for one in points], color=_INK, linewidth=1.0, label="predicted from DIC noise alone")
-    axes.loglog(length, [one.measured for one in points], "o", color=_BLUE, markersize=3.5, label="measured")
-    axes.loglog(length, [one.correction for one in points], ".--", color=_ORANGE, linewidth=0.9, label="error of the correction alone")
+    axes.loglog(length, [item.predicted for item in points], color=_INK, linewidth=1.0, label="predicted from DIC noise alone")
+    axes.loglog(length, [item.measured for item in points], "o", color=_BLUE, markersize=3.5, label="measured")
+    axes.loglog(length, [item.correction for item in points], ".--", color=_ORANGE, linewidth=0.9, label="error of the correction alone")
     ticks = [50, 70, 100, 150, 200, 300, 500]
-    axes.set_xticks(ticks, [str(one) for one in ticks])
+    axes.set_xticks(ticks, [str(item) for item in ticks])
     axes.minorticks_off()
     axes.set_xlabel("virtual strain gauge (px)")
     axes.grid(visible=True, color="#94a3b8", alpha=0.25, linewidth=0.6)

@@ -85,8 +85,8 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
     log, truth_file = run / "log" / "demo", run / "instrument" / "truth.json"
     if not log.is_dir():
         raise BadInput(f"{run}: holds no log/demo; give a folder that semlive demo wrote")
-    told = load_truth(truth_file)
-    truth = Truth.of(told)
+    reported = load_truth(truth_file)
+    truth = Truth.of(reported)
     whole, settings = result_from_maps(log)
     result = compared(whole)
     errors = compare_with_truth(result, truth)
@@ -102,7 +102,7 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
         frames=len(result.frames),
         points=grid.nx * grid.ny,
         errors=errors,
-        scores=score(whole, told),
+        scores=score(whole, reported),
         elastic=result.elastic,
         true_elastic=(truth.youngs_modulus_gpa, truth.poissons_ratio),
         stated_sigma_px=_rms(np.concatenate(sigma)),
@@ -169,10 +169,10 @@ def _phase(
     corrections = {one.frame: _as_displacement(frames[one.frame], shares[one.frame][0]) for one in chosen}
     raw = [replace(frames[one.frame].displacement, u_px=d.u_px, v_px=d.v_px) for one in chosen for d in [shares[one.frame][1]]]
     residual = {one.frame: _as_displacement(frames[one.frame], one.displacement_px) for one in chosen}
-    said = np.sqrt(np.mean([(one.sigma_px[one.valid] ** 2).mean(axis=0) for one in chosen], axis=0))
+    printed = np.sqrt(np.mean([(one.sigma_px[one.valid] ** 2).mean(axis=0) for one in chosen], axis=0))
     rows = []
     for points in windows:
-        expected = noise_scatter(errors.grid, points, float(said[0]), float(said[1]), full=True, correlation=alike)
+        expected = noise_scatter(errors.grid, points, float(printed[0]), float(printed[1]), full=True, correlation=alike)
         values = effective_sample_size(errors.grid, points) * len(chosen) / (1 + (len(chosen) - 1) / 4)
         rows.append(
             GaugeRow(

@@ -53,14 +53,14 @@ def noise_correlation(
     maps = []
     for draw in range(draws):
         rng = np.random.default_rng(draw)
-        one, two = (_noisier(image, noise_grey, rng) for image in (first, second))
-        reference = dic.prepare(one, grid, settings.dic)
+        item, two = (_noisier(image, noise_grey, rng) for image in (first, second))
+        reference = dic.prepare(item, grid, settings.dic)
         maps.append(dic.correlate_with_matched_blur(reference, two, settings.dic, smear, reference_frame=0, current_frame=1))
-    valid = np.all([one.valid for one in maps], axis=0)
+    valid = np.all([item.valid for item in maps], axis=0)
     lags = -(-grid.subset_px // grid.step_px)
     found = []
     for name in ("u_px", "v_px"):
-        drawn = np.array([getattr(one, name) for one in maps])
+        drawn = np.array([getattr(item, name) for item in maps])
         noise = np.where(valid, drawn - drawn.mean(axis=0), np.nan)
         found += [_by_lag(noise, lags), _by_lag(noise.swapaxes(1, 2), lags)]
     return NoiseCorrelation(*found)

@@ -46,14 +46,14 @@ def seed_rows(runs: tuple[RunFigures, ...]) -> Iterator[SeedRow]:
 def _worst_ratio(label: str, names: tuple[str, ...], runs: tuple[RunFigures, ...]) -> SeedRow:
     curve = _any_curve(runs)
     places = [at for at, row in enumerate(curve) if row.window_points in facts.CURVE_WINDOWS]
-    found = np.array([[(one.measured**2, one.predicted**2) for one in (pooled(run, at, names) for at in places)] for run in runs])
+    found = np.array([[(item.measured**2, item.predicted**2) for item in (pooled(run, at, names) for at in places)] for run in runs])
     each = np.sqrt(found[..., 0] / found[..., 1])
     together = np.sqrt(found[..., 0].sum(axis=0) / found[..., 1].sum(axis=0))
     worst = int(together.argmax())
     chance = pooled(runs[0], places[worst], names).chance / np.sqrt(len(runs))
     return SeedRow(
         f"{label} sd against DIC noise, worst over the curve of gauge lengths",
-        tuple(f"{one.max():.3f}" for one in each),
+        tuple(f"{item.max():.3f}" for item in each),
         f"{together[worst]:.3f} ± {chance:.3f} by chance, at {curve[places[worst]].vsg_px} px",
         f"≤ {facts.RATIO_BAR}",
         bool(together.max() <= facts.RATIO_BAR),
@@ -65,7 +65,7 @@ def _share(frames: str, runs: Sequence[dict[str, float]]) -> SeedRow:
     together = float(np.sqrt((each**2).mean(axis=0)).max())
     return SeedRow(
         f"contribution of the correction to strain sd over 83 px, {frames}",
-        tuple(strain_text(one.max()) for one in each),
+        tuple(strain_text(item.max()) for item in each),
         strain_text(together),
         f"≤ {strain_text(facts.CORRECTION_SD_BAR)}",
         together <= facts.CORRECTION_SD_BAR,
@@ -77,12 +77,12 @@ def _any_curve(runs: tuple[RunFigures, ...]) -> tuple[GaugeRow, ...]:
 
 
 def _elastic(label: str, runs: tuple[RunFigures, ...], which: int, bar: float, digits: int) -> SeedRow:
-    constants = [one.elastic for one in runs]
-    values = [(one.youngs_modulus_gpa, one.poissons_ratio)[which] for one in constants if one is not None]
+    constants = [item.elastic for item in runs]
+    values = [(item.youngs_modulus_gpa, item.poissons_ratio)[which] for item in constants if item is not None]
     if len(values) < len(runs):
         return SeedRow(label, tuple("none" for _ in runs), "none", f"within {bar}", held=False)
-    mean = float(np.mean([one.value for one in values]))
-    sigma = float(np.sqrt(np.sum([one.sigma**2 for one in values])) / len(values))
+    mean = float(np.mean([item.value for item in values]))
+    sigma = float(np.sqrt(np.sum([item.sigma**2 for item in values])) / len(values))
     true = runs[0].true_elastic[which]
 
     def shown(value: float) -> str:
@@ -90,7 +90,7 @@ def _elastic(label: str, runs: tuple[RunFigures, ...], which: int, bar: float, d
 
     return SeedRow(
         label,
-        tuple(f"{shown(one.value)} ± {shown(one.sigma)}" for one in values),
+        tuple(f"{shown(item.value)} ± {shown(item.sigma)}" for item in values),
         f"{shown(mean)} ± {shown(sigma)} (true {true})",
         f"within {bar}",
         abs(mean - true) <= bar,

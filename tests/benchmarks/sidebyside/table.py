@@ -102,8 +102,8 @@ def worst_ratio(figures: RunFigures, names: tuple[str, ...]) -> tuple[float, flo
     found = []
     for at, row in enumerate(_any_phase(figures).curve):
         if row.window_points in facts.CURVE_WINDOWS:
-            one = pooled(figures, at, names)
-            found.append((one.ratio, one.chance, row.vsg_px))
+            item = pooled(figures, at, names)
+            found.append((item.ratio, item.chance, row.vsg_px))
     return max(found)
 
 
@@ -133,11 +133,11 @@ def _displacement(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
 
 
 def _fields(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
-    one = figures.errors.distortion
-    if not one.valid.any():
+    item = figures.errors.distortion
+    if not item.valid.any():
         yield Row("distortion residual", paper.distortion_said, "not determined", "", held=False)
     else:
-        error, allowed = one.error_px[one.valid], facts.DISTORTION_BAR_PX
+        error, allowed = item.error_px[item.valid], facts.DISTORTION_BAR_PX
         largest, rms = float(np.abs(error).max()), float(np.sqrt(np.mean(error**2)))
         yield Row(
             "distortion residual, its affine part removed", paper.distortion_said, f"max {_px(largest)} px, rms {_px(rms)} px",

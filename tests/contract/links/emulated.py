@@ -107,7 +107,7 @@ def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     over = threading.Event()
-    asked: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    requested: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
     def hear() -> None:
         heard = b""
@@ -117,12 +117,12 @@ def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0
             heard += os.read(ours, 4096)
             while frame := _first_frame(heard):
                 heard = heard[len(frame) :]
-                asked.put(frame)
+                requested.put(frame)
 
     def speak() -> None:
         while not over.is_set():
             try:
-                frame = asked.get(timeout=0.05)
+                frame = requested.get(timeout=0.05)
             except queue.Empty:
                 continue
             if frame[0] in devices and not devices[frame[0]].silent:

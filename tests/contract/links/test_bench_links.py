@@ -44,12 +44,12 @@ def test_the_strain_gage_is_read_along_with_the_load_where_the_settings_say_that
     without = plain.read()
     plain.close()
     device = open_load_frame({"port": ready["port"], "strain_gage": True}, clock)
-    said = device.read()
+    printed = device.read()
     device.close()
     assert without.gage_strain is None
-    assert said.gage_strain is not None
-    assert said.gage_strain == pytest.approx(1.005 * said.force_n / 711_000 + 4e-6, abs=20e-6)
-    assert len(said.raw) == len(without.raw) + 2
+    assert printed.gage_strain is not None
+    assert printed.gage_strain == pytest.approx(1.005 * printed.force_n / 711_000 + 4e-6, abs=20e-6)
+    assert len(printed.raw) == len(without.raw) + 2
 
 
 def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[str, object]) -> None:

@@ -136,8 +136,8 @@ def cell_alone(stack: ExitStack) -> SomeRig:
 def amplifier(stack: ExitStack) -> SomeRig:
     """An amplifier that speaks text."""
     silent = [False]
-    told = {"!001:STN?": "+1.0\r", "!001:SYS?": "+0.5\r", "!001:STAT?": "+0.0\r"}
-    path = stack.enter_context(over_text(lambda line: "" if silent[0] else told[line]))
+    reported = {"!001:STN?": "+1.0\r", "!001:SYS?": "+0.5\r", "!001:STAT?": "+0.0\r"}
+    path = stack.enter_context(over_text(lambda line: "" if silent[0] else reported[line]))
     settings = {"map": "mantracourt_dsc", "serial": {"port": path, "slowest_s": 0.2}}
     return SomeRig(lambda: open_text(settings, CLOCK), deaf=lambda yes: silent.__setitem__(0, yes))
 

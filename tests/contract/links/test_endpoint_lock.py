@@ -66,8 +66,8 @@ def port_of(server: socket.socket) -> int:
 
 def test_a_second_process_is_refused_before_it_connects(server: socket.socket) -> None:
     port = port_of(server)
-    with process("tcp", "127.0.0.1", str(port), "1") as (holder, said):
-        assert said == "held"
+    with process("tcp", "127.0.0.1", str(port), "1") as (holder, printed):
+        assert printed == "held"
         with pytest.raises(LinkRefused) as refused:
             ModbusLink("localhost", port, 1, 0.3)
         with pytest.raises(TimeoutError):
@@ -84,8 +84,8 @@ def test_a_killed_process_leaves_nothing_behind(server: socket.socket) -> None:
     with process(*words) as (holder, _):
         holder.send_signal(signal.SIGKILL)
         holder.wait()
-        with process(*words) as (_, said):
-            assert said == "held"
+        with process(*words) as (_, printed):
+            assert printed == "held"
 
 
 def test_of_many_that_start_at_once_one_gets_it(server: socket.socket) -> None:
@@ -96,9 +96,9 @@ def test_of_many_that_start_at_once_one_gets_it(server: socket.socket) -> None:
 
         def start() -> None:
             held = process(*words)
-            _, said = held.__enter__()
+            _, printed = held.__enter__()
             with guard:
-                opened.append(said)
+                opened.append(printed)
                 stack.push(held)
 
         threads = [threading.Thread(target=start) for _ in range(8)]
@@ -106,7 +106,7 @@ def test_of_many_that_start_at_once_one_gets_it(server: socket.socket) -> None:
             thread.start()
         for thread in threads:
             thread.join()
-        assert sorted(said == "held" for said in opened) == [False] * 7 + [True]
+        assert sorted(printed == "held" for printed in opened) == [False] * 7 + [True]
 
 
 @pytest.mark.parametrize("name", ["localhost", "127.0.0.1", "::1", "0.0.0.0", "::ffff:127.0.0.1", socket.gethostname()])
@@ -114,8 +114,8 @@ def test_names_of_one_computer_are_one(server: socket.socket, name: str) -> None
     port = port_of(server)
     reserved = reserve_tcp(name, port, 3)
     try:
-        with process("tcp", "127.0.0.1", str(port), "3") as (_, said):
-            assert "unit 3 is driven by another semlive already" in said
+        with process("tcp", "127.0.0.1", str(port), "3") as (_, printed):
+            assert "unit 3 is driven by another semlive already" in printed
     finally:
         reserved.release()
 
@@ -139,8 +139,8 @@ def test_links_of_one_process_share_a_device_and_the_last_one_releases_it(server
     for link, expected in ((first, False), (second, True)):
         link.close()
         link.close()
-        with process("tcp", "127.0.0.1", str(port), "1") as (_, said):
-            assert (said == "held") == expected
+        with process("tcp", "127.0.0.1", str(port), "1") as (_, printed):
+            assert (printed == "held") == expected
 
 
 def test_a_thread_keeps_its_device_while_it_opens_a_failed_link_again(server: socket.socket) -> None:
@@ -163,24 +163,24 @@ def test_a_thread_keeps_its_device_while_it_opens_a_failed_link_again(server: so
     try:
         assert reopened.wait(60)
         assert failed
-        with process("tcp", "127.0.0.1", str(port), "1") as (_, said):
-            assert f"process {os.getpid()}" in said or sys.platform != "linux"
-            assert "is driven by another semlive" in said
+        with process("tcp", "127.0.0.1", str(port), "1") as (_, printed):
+            assert f"process {os.getpid()}" in printed or sys.platform != "linux"
+            assert "is driven by another semlive" in printed
     finally:
         over.set()
         owner.join()
-    with process("tcp", "127.0.0.1", str(port), "1") as (_, said):
-        assert said == "held"
+    with process("tcp", "127.0.0.1", str(port), "1") as (_, printed):
+        assert printed == "held"
 
 
 def test_a_trigger_keeps_its_device_between_requests(server: socket.socket) -> None:
     port = port_of(server)
     trigger = open_trigger({"host": "127.0.0.1", "port": port}, WallClock())
-    with process("tcp", "127.0.0.1", str(port), "1") as (_, said):
-        assert "is driven by another semlive" in said
+    with process("tcp", "127.0.0.1", str(port), "1") as (_, printed):
+        assert "is driven by another semlive" in printed
     trigger.close()
-    with process("tcp", "127.0.0.1", str(port), "1") as (_, said):
-        assert said == "held"
+    with process("tcp", "127.0.0.1", str(port), "1") as (_, printed):
+        assert printed == "held"
 
 
 def test_nobody_at_the_address_leaves_it_free() -> None:
@@ -188,8 +188,8 @@ def test_nobody_at_the_address_leaves_it_free() -> None:
         port = port_of(gone)
     with pytest.raises(LinkRefused, match="no device answers"):
         ModbusLink("127.0.0.1", port, 1, 0.3)
-    with process("tcp", "127.0.0.1", str(port), "1") as (_, said):
-        assert said == "held"
+    with process("tcp", "127.0.0.1", str(port), "1") as (_, printed):
+        assert printed == "held"
 
 
 def test_a_serial_line_is_one_by_whatever_link_it_is_reached(tmp_path: Path) -> None:
@@ -198,8 +198,8 @@ def test_a_serial_line_is_one_by_whatever_link_it_is_reached(tmp_path: Path) -> 
         path = os.ttyname(slave)
         link = tmp_path / "by-id"
         link.symlink_to(path)
-        with process("serial", str(link)) as (_, said):
-            assert said == "held"
+        with process("serial", str(link)) as (_, printed):
+            assert printed == "held"
             with pytest.raises(LinkRefused, match="is driven by another semlive already"):
                 reserve_serial(path)
         reserve_serial(path).release()
@@ -220,7 +220,7 @@ def test_frame_check_is_refused_while_a_run_holds_the_frame(
     assert f"127.0.0.1:{port} unit 1 is driven by another semlive already" in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_lock_file_is_one_lock_and_says_who_holds_it(tmp_path: Path) -> None:
+def test_a_lock_file_is_one_lock_and_reports_who_holds_it(tmp_path: Path) -> None:
     path = tmp_path / "semlive.lock"
     first = process_lock.acquire_file(path)
     assert isinstance(first, ProcessLock)
@@ -241,10 +241,10 @@ def test_what_a_holder_wrote_is_shown_without_control_characters(tmp_path: Path)
     held = process_lock.acquire_file(path)
     assert isinstance(held, ProcessLock)
     path.write_text("no number\n\x1b[2Jroot\n" + "x" * 10_000)
-    said = process_lock.acquire_file(path)
+    printed = process_lock.acquire_file(path)
     held.release()
-    assert isinstance(said, Holder)
-    assert (said.pid, said.user, len(said.command)) == (0, "[2Jroot", 120)
+    assert isinstance(printed, Holder)
+    assert (printed.pid, printed.user, len(printed.command)) == (0, "[2Jroot", 120)
 
 
 def test_doctor_leaves_a_device_alone_that_a_run_holds(server: socket.socket) -> None:

@@ -155,9 +155,9 @@ def test_mbpoll_reads_and_drives_the_bench(bench: Bench, mbpoll_peer: str, over:
         reach = ["127.0.0.1", "-m", "tcp", "-p", str(bench.port)]
     else:
         reach = [request.getfixturevalue("line"), "-m", "rtu", "-b", "19200", "-P", "none"]
-    said = mbpoll(mbpoll_peer, reach, "-t", "3:hex", "-r", "0", "-c", "16")
-    assert said[:3] == [0x5E31, 1, 3]
-    assert f32(said[14:16]) == load_scenario("paper_x200").load_frame.force_limit_n
+    printed = mbpoll(mbpoll_peer, reach, "-t", "3:hex", "-r", "0", "-c", "16")
+    assert printed[:3] == [0x5E31, 1, 3]
+    assert f32(printed[14:16]) == load_scenario("paper_x200").load_frame.force_limit_n
     mbpoll(mbpoll_peer, reach, "-t", "4:hex", "-r", "0", *(f"+{value}" for value in ORDER))
     assert mbpoll(mbpoll_peer, reach, "-t", "4:hex", "-r", "0", "-c", "6") == ORDER
     bench.at_rest()
@@ -168,10 +168,10 @@ def test_libmodbus_reads_and_drives_the_bench(bench: Bench, libmodbus_peer: str,
     where = str(bench.port) if over == "tcp" else request.getfixturevalue("line")
     done = subprocess.run([libmodbus_peer, "client", over, where], capture_output=True, text=True, timeout=30)
     assert done.returncode == 0, done.stderr
-    said = {key: [int(word, 16) for word in words] for key, *words in (text.split() for text in done.stdout.splitlines())}
-    assert said["inputs"][:3] == [0x5E31, 1, 3]
-    assert said["orders"] == ORDER
-    assert said["beyond"] == [1]
+    printed = {key: [int(word, 16) for word in words] for key, *words in (text.split() for text in done.stdout.splitlines())}
+    assert printed["inputs"][:3] == [0x5E31, 1, 3]
+    assert printed["orders"] == ORDER
+    assert printed["beyond"] == [1]
     bench.at_rest()
 
 

@@ -165,9 +165,9 @@ def test_when_control_stops_feeding_the_device_is_stopped_once_and_takes_nothing
         assert stop_s - before_s >= DEAD_MAN_S
         # Not a turn later than it must be: what is read after the time is over belongs to the turn that had begun.
         assert sum(opened_s + DEAD_MAN_S < at_s < stop_s for at_s in device.times("read")) <= 1
-        said = re.search(r"control sent no signal for (\d+\.\d) s", heard.of(DeviceStopped)[0].reason)
-        assert said is not None
-        assert DEAD_MAN_S - 0.05 <= float(said[1]) <= stop_s - before_s + 0.05
+        printed = re.search(r"control sent no signal for (\d+\.\d) s", heard.of(DeviceStopped)[0].reason)
+        assert printed is not None
+        assert DEAD_MAN_S - 0.05 <= float(printed[1]) <= stop_s - before_s + 0.05
         link.send(RampTo(10.0, 1.0))
         wait_until(lambda: heard.of(DeviceFault))
         assert device.times("ramp_to") == []
@@ -381,7 +381,7 @@ def test_closing_stops_a_device_whose_link_was_down() -> None:
     assert device.calls[-1][0] == "close"
 
 
-def test_a_link_says_what_its_stage_moves() -> None:
+def test_a_link_reports_what_its_stage_moves() -> None:
     for kind in ("specimen", "beam"):
         heard = Listener()
         with peer() as bench:

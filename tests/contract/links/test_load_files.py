@@ -48,8 +48,8 @@ def test_decimal_commas_that_begin_later_are_no_reading(tmp_path: Path) -> None:
 def test_separator_and_decimal_sign_are_found_out(tmp_path: Path, lines: str, encoding: str) -> None:
     path = tmp_path / "load.csv"
     path.write_bytes(lines.encode(encoding))
-    said = tail(path).read()
-    assert (said.force_n, said.extension_mm) == (134.2, 0.5)
+    printed = tail(path).read()
+    assert (printed.force_n, printed.extension_mm) == (134.2, 0.5)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
@@ -71,8 +71,8 @@ def test_a_long_file_is_read_at_its_end_and_half_a_line_never(tmp_path: Path, en
 def test_a_unit_in_the_head_counts_where_the_settings_have_none_and_must_not_contradict_them(tmp_path: Path) -> None:
     path = tmp_path / "load.csv"
     path.write_text("Time;Force (kN);Ext (um)\n0,1;0,1342;500,5\n")
-    said = tail(path).read()
-    assert (said.force_n, said.extension_mm) == (pytest.approx(134.2), pytest.approx(0.5005))
+    printed = tail(path).read()
+    assert (printed.force_n, printed.extension_mm) == (pytest.approx(134.2), pytest.approx(0.5005))
     assert tail(path, force={"column": 2, "unit": "kN"}).read().force_n == pytest.approx(134.2)
     with pytest.raises(LinkRefused, match=r"column 'Force \(kN\)' is in kN, but the settings state N; correct one of them"):
         tail(path, force={"column": 2, "unit": "N"})
@@ -89,7 +89,7 @@ def test_what_can_be_read_in_two_ways_asks_for_the_settings(tmp_path: Path) -> N
     assert tail(path, decimal_comma=True, **FORCE).read().force_n == 134.2
 
 
-def test_a_file_that_is_written_anew_is_read_by_its_new_head(tmp_path: Path) -> None:
+def test_a_file_that_is_written_again_is_read_by_its_new_head(tmp_path: Path) -> None:
     path = tmp_path / "load.csv"
     path.write_text("Time;Force;Ext\n0,5;134,2;0,5\n")
     file = tail(path)

@@ -37,7 +37,7 @@ def load_frame(bench: Peer) -> Iterator[LoadFrame]:
     device.close()
 
 
-def test_a_load_frame_says_who_it_is(bench: Peer, load_frame: LoadFrame) -> None:
+def test_a_load_frame_reports_who_it_is(bench: Peer, load_frame: LoadFrame) -> None:
     assert isinstance(load_frame, LoadFrame)
     identity = load_frame.identity
     assert identity.name == f"load frame at 127.0.0.1:{bench.port} unit 1"
@@ -105,7 +105,7 @@ def test_a_command_that_was_not_taken_is_an_error(bench: Peer, load_frame: LoadF
         load_frame.ramp_to(10.0, 1.0)
 
 
-def test_an_exception_reply_is_said_in_words(bench: Peer, load_frame: LoadFrame) -> None:
+def test_an_exception_reply_is_reported_in_words(bench: Peer, load_frame: LoadFrame) -> None:
     bench.misbehave(5)
     with pytest.raises(LinkError, match=r"refused writing holding register 0: the device is busy \(exception 6\)"):
         load_frame.ramp_to(10.0, 1.0)

@@ -139,23 +139,23 @@ def test_a_stop_finds_nobody(frame_peer: Path, tmp_path: Path) -> None:
 
 def until_it_rests(frame: CompositeLoadFrame) -> list[LoadSample]:
     """All readings until the frame says that it is at rest."""
-    seen = [frame.read()]
-    wait_until(lambda: (seen.append(frame.read()), seen[-1].motion is MotionState.STOPPED)[1])
-    return seen
+    observed = [frame.read()]
+    wait_until(lambda: (observed.append(frame.read()), observed[-1].motion is MotionState.STOPPED)[1])
+    return observed
 
 
 @pytest.mark.parametrize("name", ["f32", "f32c", "i16", "disp"])
 def test_a_healthy_frame_raises_no_alarm(peer: Peer, opened: Opened, name: str) -> None:
     approach = {"approach": {"stiffness_n_mm": 20000, "speed_max_mm_s": 0.05}} if name == "disp" else {}
     frame = opened(name, **approach)
-    seen = [frame.read()]
+    observed = [frame.read()]
     for target_n in (60.0, 20.0):
         frame.ramp_to(target_n, 100.0)
-        seen += until_it_rests(frame)
-        assert seen[-1].force_n == pytest.approx(target_n, abs=1.5)
+        observed += until_it_rests(frame)
+        assert observed[-1].force_n == pytest.approx(target_n, abs=1.5)
         frame.stop()
-        seen += [frame.read() for _ in range(3)]
-    assert {sample.order_changed for sample in seen} == {None}
+        observed += [frame.read() for _ in range(3)]
+    assert {sample.order_changed for sample in observed} == {None}
 
 
 @pytest.mark.parametrize("name", ["f32", "i16"])
@@ -179,23 +179,23 @@ def test_an_order_of_an_earlier_process_is_compared_with_what_the_frame_holds(pe
     first.close()  # an orderly end sends a stop
     as_left = opened(name)
     as_left.recall_order(60.0, 100.0)
-    assert [(one.order_changed, one.orders_cleared) for one in (as_left.read() for _ in range(3))] == [(None, False)] * 3
+    assert [(item.order_changed, item.orders_cleared) for item in (as_left.read() for _ in range(3))] == [(None, False)] * 3
     as_left.close()
     other = opened(name)
     other.recall_order(80.0, 100.0)
     found = [other.read() for _ in range(2)]
-    assert any("holds 60 N, 80 N was written: another program or a person commands it" in str(one.order_changed) for one in found)
-    assert not any(one.orders_cleared for one in found)
+    assert any("holds 60 N, 80 N was written: another program or a person commands it" in str(item.order_changed) for item in found)
+    assert not any(item.orders_cleared for item in found)
     other.close()
     peer.switch("reboot 0")
     restarted = opened(name)
     restarted.recall_order(60.0, 100.0)
     found = [restarted.read() for _ in range(2)]
-    assert any("holds 0 N, 60 N was written: its registers were cleared" in str(one.order_changed) for one in found)
-    assert any(one.orders_cleared for one in found)
+    assert any("holds 0 N, 60 N was written: its registers were cleared" in str(item.order_changed) for item in found)
+    assert any(item.orders_cleared for item in found)
     restarted.stop()  # the operator has looked: the next reading compares with what the stop wrote
     restarted.ramp_to(80.0, 100.0)
-    assert {one.order_changed for one in until_it_rests(restarted)} == {None}
+    assert {item.order_changed for item in until_it_rests(restarted)} == {None}
 
 
 def test_a_displacement_drive_holds_no_target_of_an_earlier_process(opened: Opened) -> None:

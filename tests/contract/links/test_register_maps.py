@@ -49,7 +49,7 @@ def pulled(drive_map: str, drive: Device, spring: Spring, **approach: float) -> 
 
 
 @pytest.mark.parametrize("name", bundled_maps())
-def test_every_map_says_where_it_is_from_and_only_the_bench_is_confirmed(name: str) -> None:
+def test_every_map_reports_where_it_is_from_and_only_the_bench_is_confirmed(name: str) -> None:
     content = map_content(name)
     assert content.get("confirmed", False) == (name == "bench")
     assert name == "bench" or "confirm before motion" in content["source"]
@@ -88,7 +88,7 @@ def test_a_drive_that_knows_no_load_is_brought_to_one_and_back(name: str, made: 
             frame.ramp_to(target_n, 100.0)
             assert frame.read().motion is MotionState.MOVING
             highest = []
-            wait_until(lambda kept=highest: (kept.append(frame.read()), kept[-1].motion is MotionState.STOPPED)[1])
+            wait_until(lambda stored=highest: (stored.append(frame.read()), stored[-1].motion is MotionState.STOPPED)[1])
             assert frame.read().force_n == pytest.approx(target_n, abs=1.0)
             assert max(sample.force_n for sample in highest) < 61.5
         assert frame.identity.stop_on_link_loss is StopOnLinkLoss.NONE
@@ -202,7 +202,7 @@ def test_a_watchdog_of_its_own_is_armed_and_fed_by_changing_numbers() -> None:
         frame.close()
 
 
-def test_a_strain_gage_from_a_file_or_another_device_is_told_beside_the_load(tmp_path: Path) -> None:
+def test_a_strain_gage_from_a_file_or_another_device_is_told_next_to_the_load(tmp_path: Path) -> None:
     spring = Spring(at_mm=0.01, to_mm=0.01)
     amplifier = Device({301: 0x3A03, 302: 0x126F})  # 5.0e-4
     path, mine = tmp_path / "daq.csv", tmp_path / "amplifier.yaml"
@@ -228,10 +228,10 @@ def test_a_look_reads_and_never_writes() -> None:
     cell, drive = laumas_tlb(spring), oriental_az(spring)
     with tcp(cell, drive) as (cell_port, drive_port):
         found = check_modbus("laumas_tlb", {"port": cell_port})
-        said = {finding.what: finding for finding in found.findings}
-        assert said["gross"].observation.startswith("-500 ")
-        assert said["order of words"].verdict is Verdict.OK
-        assert "gross: high word first makes sense" in said["order of words"].observation
+        printed = {finding.what: finding for finding in found.findings}
+        assert printed["gross"].observation.startswith("-500 ")
+        assert printed["order of words"].verdict is Verdict.OK
+        assert "gross: high word first makes sense" in printed["order of words"].observation
         assert found.passed
         assert not found.confirmed
         assert check_modbus("oriental_az", {"port": drive_port}).passed
@@ -244,10 +244,10 @@ def test_a_look_finds_a_wrong_order_of_words_and_a_register_that_is_not_there() 
     del cell.words[3]
     with tcp(cell) as (port,):
         found = check_modbus("laumas_tlb", {"port": port, "registers": {"gross": {"words": "low_first"}}})
-    said = {finding.what: finding for finding in found.findings}
-    assert said["order of words"].verdict is Verdict.FAILED
-    assert "the description states low word first: correct it" in said["order of words"].advice
-    assert "no such register (exception 2)" in said["serial_number"].observation
+    printed = {finding.what: finding for finding in found.findings}
+    assert printed["order of words"].verdict is Verdict.FAILED
+    assert "the description states low word first: correct it" in printed["order of words"].advice
+    assert "no such register (exception 2)" in printed["serial_number"].observation
     assert not found.passed
 
 
@@ -272,7 +272,7 @@ def test_nobody_answers_on_a_line_that_is_not_there(tmp_path: Path) -> None:
         ("orders: {hover: []}", "orders.hover.*Input should be 'ramp', 'pull', 'push', 'stop'"),
     ],
 )
-def test_what_is_wrong_in_a_map_is_said(tmp_path: Path, change: str, sentence: str) -> None:
+def test_what_is_wrong_in_a_map_is_reported(tmp_path: Path, change: str, sentence: str) -> None:
     key = change.split(":")[0]
     text = ["protocol: modbus", "name: mine", "source: mine", "points: {force: {kind: input, address: 0, dtype: f32}, "]
     text[3] += "extension: {kind: input, address: 2, dtype: f32}, command: {kind: holding, address: 4}}"
@@ -303,8 +303,8 @@ def test_an_order_that_a_drive_or_a_frame_cannot_hold_is_named_before_anything_i
         assert "the drive takes 0.01 mm/s" in str(frame.order_problem(400.0, 20.0))
         assert "faster than speed_max_mm_s 0.5; order at most 600 N/s" in str(frame.order_problem(400.0, 700.0))
         assert not drive.writes
-    bare = Device(dict.fromkeys(range(20), 0))
-    with tcp(bare) as (port,):
+    plain = Device(dict.fromkeys(range(20), 0))
+    with tcp(plain) as (port,):
         points = {"target": {"dtype": "i16", "scale": 0.1, "address": 10}, "rate": {"dtype": "u16", "scale": 0.1, "address": 12}}
         frame = open_one({"map": "generic", "port": port, "registers": points, "confirmed": True}, CLOCK)
         assert isinstance(frame, OrderCheck)
@@ -313,32 +313,32 @@ def test_an_order_that_a_drive_or_a_frame_cannot_hold_is_named_before_anything_i
         assert "3500 does not fit into register 10" in str(frame.order_problem(3500.0, 30.0))
         with pytest.raises(LinkError, match="less than one count of rate"):
             frame.ramp_to(300.0, 0.04)
-        assert not bare.writes
-        bare.words.update({11: 777, 13: 5000})
+        assert not plain.writes
+        plain.words.update({11: 777, 13: 5000})
         frame.ramp_to(300.0, 30.0)
         frame.stop()
-        assert [bare.words[address] for address in (10, 11, 12, 13, 4)] == [3000, 777, 300, 5000, 2]
+        assert [plain.words[address] for address in (10, 11, 12, 13, 4)] == [3000, 777, 300, 5000, 2]
         frame.close()
 
 
-def test_a_frame_tells_how_it_is_moved_and_how_fine_its_readings_are() -> None:
+def test_a_frame_reports_how_it_is_moved_and_how_fine_its_readings_are() -> None:
     spring = Spring()
     with pulled("oriental_az", oriental_az(spring), spring) as frame:
-        told = frame.identity
-        assert told.control is ControlMode.DISPLACEMENT
-        assert told.force_resolution_n == pytest.approx(0.1)
-        assert told.extension_resolution_mm == pytest.approx(1e-4)
-        assert told.measures_extension
-        assert told.stiffness_n_mm == APPROACH["stiffness_n_mm"]
+        reported = frame.identity
+        assert reported.control is ControlMode.DISPLACEMENT
+        assert reported.force_resolution_n == pytest.approx(0.1)
+        assert reported.extension_resolution_mm == pytest.approx(1e-4)
+        assert reported.measures_extension
+        assert reported.stiffness_n_mm == APPROACH["stiffness_n_mm"]
     cell = laumas_tlb(spring)
     cell.words[13] = 0 << 8 | 13  # kg with three decimals
     with tcp(cell) as (port,):
         frame = open_one({"map": "laumas_tlb", "port": port}, CLOCK)
-        told = frame.identity
-        assert told.control is ControlMode.MANUAL
-        assert told.force_resolution_n == pytest.approx(9.80665e-3)
-        assert not told.measures_extension
-        assert told.stiffness_n_mm is None
+        reported = frame.identity
+        assert reported.control is ControlMode.MANUAL
+        assert reported.force_resolution_n == pytest.approx(9.80665e-3)
+        assert not reported.measures_extension
+        assert reported.stiffness_n_mm is None
         frame.close()
 
 
@@ -397,8 +397,8 @@ def test_a_saturated_cell_is_no_reading() -> None:
         with pytest.raises(LinkError, match=r"is at the end of its range \(4294967295\)"):
             frame.read()
         frame.close()
-        said = {finding.what: finding for finding in check_modbus("laumas_tlb", {"port": port}).findings}
-        assert said["gross"].verdict is Verdict.FAILED
+        printed = {finding.what: finding for finding in check_modbus("laumas_tlb", {"port": port}).findings}
+        assert printed["gross"].verdict is Verdict.FAILED
     with pytest.raises(BadConfig, match=r"range is \[5, 1\], which is no range"):
         open_one({"map": "laumas_tlb", "registers": {"gross": {"range": [5, 1]}}}, CLOCK)
 

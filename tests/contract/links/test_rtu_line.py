@@ -112,7 +112,7 @@ def test_late_answers_to_the_probes_themselves(opened: Callable[[], RtuLink], la
     ]
 
 
-def test_a_stop_is_said_on_a_line_that_is_not_believed_and_first_when_it_is_opened_again(
+def test_a_stop_is_reported_on_a_line_that_is_not_believed_and_first_when_it_is_opened_again(
     opened: Callable[[], RtuLink], lateness: Lateness, device: Device
 ) -> None:
     link = opened()

@@ -116,7 +116,7 @@ def test_a_stop_waits_for_one_answer_of_its_neighbour_at_most(path: str, devices
         link.close()
 
 
-def test_whoever_shares_a_line_says_the_same_of_it(path: str) -> None:
+def test_whoever_shares_a_line_reports_the_same_of_it(path: str) -> None:
     frame = open_link(settings(path, FRAME), None, (PROBE,))
     with pytest.raises(BadConfig, match="shared by devices that differ: baud is 115200 for one and 9600 for another"):
         open_link(settings(path, STAGE, baud=9600), None, (PROBE,))
@@ -135,7 +135,7 @@ def test_a_link_to_the_line_is_the_line(path: str, tmp_path: Path) -> None:
     assert not is_shared(path)
 
 
-def test_a_line_that_is_gone_is_opened_anew_by_both(path: str) -> None:
+def test_a_line_that_is_gone_is_opened_again_by_both(path: str) -> None:
     frame, stage = (open_link(settings(path, unit), None, (PROBE,)) for unit in (FRAME, STAGE))
     frame._line._line._port._port.close()  # type: ignore[attr-defined]  # as if the adapter had been pulled
     with pytest.raises(LinkError, match=r"serial line .* is gone"):
@@ -150,7 +150,7 @@ def test_a_line_that_is_gone_is_opened_anew_by_both(path: str) -> None:
 
 
 def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
-    turns, served, begun = PriorityLock(), list[str](), threading.Event()
+    turns, served, started = PriorityLock(), list[str](), threading.Event()
 
     def want(name: str, urgent: bool) -> threading.Thread:
         def run() -> None:
@@ -164,7 +164,7 @@ def test_who_comes_first_is_served_first_and_urgent_ones_before() -> None:
         return thread
 
     with turns.acquired(False):
-        begun.set()
+        started.set()
         threads = [want("a", False), want("b", False), want("stop", True), want("stop too", True)]
     for thread in threads:
         thread.join()

@@ -19,16 +19,16 @@ def over_text(answer: Callable[[str], str], ends: str = "\r", late_s: Callable[[
     over = threading.Event()
 
     def run() -> None:
-        heard = ""
+        received = ""
         while not over.is_set():
             if not select.select([ours], [], [], 0.05)[0]:
                 continue
-            heard += os.read(ours, 4096).decode("ascii")
-            while ends in heard:
-                line, _, heard = heard.partition(ends)
-                said = answer(line)
+            received += os.read(ours, 4096).decode("ascii")
+            while ends in received:
+                line, _, received = received.partition(ends)
+                printed = answer(line)
                 time.sleep(late_s())
-                os.write(ours, said.encode("ascii"))
+                os.write(ours, printed.encode("ascii"))
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()

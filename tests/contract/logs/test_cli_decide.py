@@ -15,8 +15,8 @@ from numexp.world import SCAN
 
 from semlive.data.grid import Grid
 from semlive.diagnose.experiments.protocols import square_px
-from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
-from semlive_simulators.effects.flyback_settling import FlybackSettling
+from semlive_simulators.effects.image_field import AnisotropicPixel
+from semlive_simulators.effects.scan_deflection import FlybackSettling
 from semlive_simulators.microscope.scan import Scan
 
 Said = tuple[int, str, str]
@@ -44,9 +44,9 @@ def test_a_decision_is_one_object(semlive: Callable[..., Said], runs: tuple[Path
     found = json.loads(out)
     assert code == 0
     assert (found["outcome"], found["effect"]["name"], found["ambiguous"]) == ("IDENTIFIED", "flyback_settling", [])
-    told = found["effect"]["parameters"]
-    assert told["amplitude_px"]["unit"] == "px"
-    assert abs(told["amplitude_px"]["value"] - 1.0) < 3.0 * told["amplitude_px"]["sigma"]
+    reported = found["effect"]["parameters"]
+    assert reported["amplitude_px"]["unit"] == "px"
+    assert abs(reported["amplitude_px"]["value"] - 1.0) < 3.0 * reported["amplitude_px"]["sigma"]
     assert max(found["evidence"], key=found["evidence"].get) == "flyback_settling"
     assert (found["effects"], found["turned"]) == ([found["effect"]], None)
 
@@ -56,7 +56,7 @@ def test_a_decision_is_one_object(semlive: Callable[..., Said], runs: tuple[Path
     assert "settling_s" in out
 
 
-def test_a_run_beside_itself_decides_nothing(semlive: Callable[..., Said], runs: tuple[Path, Path]) -> None:
+def test_a_run_next_to_itself_decides_nothing(semlive: Callable[..., Said], runs: tuple[Path, Path]) -> None:
     code, out, err = semlive("experiment", "decide", str(runs[0]), str(runs[0]), "--json")
     assert (code, out) == (1, "")
     assert "half or twice the dwell" in err.splitlines()[-1]
@@ -69,22 +69,22 @@ def turned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     moves = tuple((x, y) for x, y in square_px(60.0))
     first = Conditions(73, len(moves), 0, missing=0.0, outliers=0.0, moves_px=moves, stage_error_px=0.1, of_column=True)
     other = replace(first, seed=74, scan=replace(SCAN, rotation_rad=0.5 * math.pi), bent_like=73)
-    one, two = (
+    item, two = (
         imported(base / name, each, (AnisotropicPixel(0.02),), Grid(110, 110, 50, 17, 14, 43))
         for name, each in (("one", first), ("other", other))
     )  # fmt: skip
-    return one, two
+    return item, two
 
 
-def test_a_turned_scan_tells_all_that_has_a_name(semlive: Callable[..., Said], turned: tuple[Path, Path]) -> None:
+def test_a_turned_scan_reports_all_that_has_a_name(semlive: Callable[..., Said], turned: tuple[Path, Path]) -> None:
     code, out, _ = semlive("experiment", "decide", *map(str, turned), "--json")
     found = json.loads(out)
     assert code == 0
-    assert (found["outcome"], [one["name"] for one in found["effects"]]) == ("IDENTIFIED", ["anisotropic_pixel"])
+    assert (found["outcome"], [item["name"] for item in found["effects"]]) == ("IDENTIFIED", ["anisotropic_pixel"])
     assert found["effect"] == found["effects"][0]
-    told = found["turned"]["parameters"]
-    assert abs(told["x_excess"]["value"] - 0.02) < 3.0 * told["x_excess"]["sigma"]
-    assert abs(told["turn_rad"]["value"] - 0.5 * math.pi) < 0.01
+    reported = found["turned"]["parameters"]
+    assert abs(reported["x_excess"]["value"] - 0.02) < 3.0 * reported["x_excess"]["sigma"]
+    assert abs(reported["turn_rad"]["value"] - 0.5 * math.pi) < 0.01
     assert found["turned"]["distortion_of"] == "column"
 
     code, out, _ = semlive("experiment", "decide", *map(str, turned))

@@ -32,9 +32,9 @@ def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Sai
     assert effect["name"] == "magnification_drift"
     assert set(effect["parameters"]["change"]) == {"value", "sigma", "unit"}
     assert set(found["gap"]) == {"before_px", "after_px", "floor_px", "closure", "closure_interval"}
-    assert {one["domain"] for one in found["where"]} <= DOMAINS
+    assert {item["domain"] for item in found["where"]} <= DOMAINS
     written = json.loads(model.read_text())
-    assert [{key: one[key] for key in effect} for one in written["effects"]] == found["effects"]
+    assert [{key: item[key] for key in effect} for item in written["effects"]] == found["effects"]
     assert (written["version"], written["parent_sha256"], len(written["data_sha256"])) == (1, None, 64)
 
     page = (tmp_path / "page.html").read_text()
@@ -59,15 +59,15 @@ def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Sai
     assert (code, json.loads(out)["outcome"]) == (0, "NONE")
     code, out, _ = semlive("replay", str(log), "--json", "--model", str(model))
     assert code == 0
-    assert any("magnification_drift" in one for one in json.loads(out)["warnings"])
+    assert any("magnification_drift" in item for item in json.loads(out)["warnings"])
 
 
 def gaged(folder: Path, share: float) -> None:
     """A gage that says a share of the strain under each load, where loads are those of an area of 1 mm^2."""
     head, *lines = (folder / "frames.csv").read_text().splitlines()
     loads = [line.split(",")[head.split(",").index("load_n")] for line in lines]
-    said = [f"{line},{share * float(load) / MODULUS_MPA if load else ''}" for line, load in zip(lines, loads, strict=True)]
-    (folder / "frames.csv").write_text("\n".join([f"{head},gage_strain", *said, ""]))
+    printed = [f"{line},{share * float(load) / MODULUS_MPA if load else ''}" for line, load in zip(lines, loads, strict=True)]
+    (folder / "frames.csv").write_text("\n".join([f"{head},gage_strain", *printed, ""]))
 
 
 def test_strain_that_a_gage_does_not_see_is_told_and_not_corrected(semlive: Callable[..., Said], tmp_path: Path) -> None:
@@ -76,16 +76,16 @@ def test_strain_that_a_gage_does_not_see_is_told_and_not_corrected(semlive: Call
     assert semlive("import", str(folder), "-o", str(log), "--subset-px", "43")[0] == 0
     without = json.loads(semlive("diagnose", str(log), "--json")[1])
     assert (without["outcome"], without["gap"]) == ("NONE", None)
-    assert "gage_readings" not in {one["domain"] for one in without["where"]}
+    assert "gage_readings" not in {item["domain"] for item in without["where"]}
     assert "out_of_plane_translation" not in without["evidence"]
 
     gaged(folder, 0.9)
     assert semlive("import", str(folder), "-o", str(log), "--subset-px", "43")[0] == 0
     code, out, _ = semlive("diagnose", str(log), "-o", str(model), "--html", str(page))
-    said = " ".join(out.split())
+    printed = " ".join(out.split())
     assert code == 0
-    assert "IDENTIFIED" in said
-    assert "strain is not corrected for it; it would change Young's modulus by +11 +-" in said
+    assert "IDENTIFIED" in printed
+    assert "strain is not corrected for it; it would change Young's modulus by +11 +-" in printed
     assert "and change Young&#x27;s modulus by +11 ±" in page.read_text()
     (effect,) = json.loads(model.read_text())["effects"]
     assert (effect["name"], effect["looks_like_strain"], effect["strain_eaten"]) == ("out_of_plane_translation", True, 1.0)

@@ -19,7 +19,7 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from semlive.data.results import RunResult
-from semlive.estimate import correction_sigma
+from semlive.estimate import correction_sigmas
 from semlive.service.analysis.result_json import result_json
 from semlive.service.replay.replay import ReplayRequest, replay
 
@@ -36,9 +36,9 @@ def known(imported: Path) -> Any:
 def exported(semlive: Semlive, imported: Path, tmp_path: Path) -> Callable[[str], Path]:
     def export(kind: str) -> Path:
         out = tmp_path / f"out.{kind}"
-        code, said, err = semlive("export", str(imported), "--format", kind, "-o", str(out), "--until", "5", "--json")
+        code, printed, err = semlive("export", str(imported), "--format", kind, "-o", str(out), "--until", "5", "--json")
         assert (code, err) == (0, "")
-        assert json.loads(said) == {"out": str(out), "format": kind, "frames": list(range(12))}
+        assert json.loads(printed) == {"out": str(out), "format": kind, "frames": list(range(12))}
         assert [path for path in tmp_path.iterdir()] == [out]
         return out
 
@@ -63,7 +63,7 @@ def test_hdf5_holds_fields_series_units_and_configuration(exported: Callable[[st
     path = exported("hdf5")
     with h5py.File(path) as file:
         assert set(file) == {"frames", "drift", "distortion", "series", "elastic", "configuration", "settings", "result"}
-        assert list(file["frames"]) == sorted(str(one) for one in range(12))
+        assert list(file["frames"]) == sorted(str(item) for item in range(12))
         group = file["frames/11"]
         assert set(group) >= {"x", "y", "u", "v", "exx", "eyy", "exy", "sigma_u", "sigma_v", "valid"}
         x, y = known.analysis.grid.mesh()
@@ -71,8 +71,8 @@ def test_hdf5_holds_fields_series_units_and_configuration(exported: Callable[[st
         np.testing.assert_array_equal(group["y"], y)
         for name, values in fields(known.result, 11).items():
             np.testing.assert_array_equal(group[name], values)
-        dmap = next(one for one in known.analysis.maps_from_reference if one.current == 11)
-        for name, values in zip(("systematic_u", "systematic_v"), correction_sigma(known.solution, dmap), strict=True):
+        dmap = next(item for item in known.analysis.maps_from_reference if item.current == 11)
+        for name, values in zip(("systematic_u", "systematic_v"), next(correction_sigmas(known.solution, (dmap,))), strict=True):
             np.testing.assert_allclose(group[name], np.where(group["valid"], values, 0.0), rtol=1e-9)
         assert float(group["systematic_u"][()].max()) > 0.0
         assert not file["frames/0/systematic_u"][()].any()

@@ -12,7 +12,7 @@ from blind.imported import imported
 Said = tuple[int, str, str]
 
 
-def test_an_open_verdict_foretells_what_experiments_decide(semlive: Callable[..., Said], tmp_path: Path) -> None:
+def test_an_open_verdict_predicts_what_experiments_decide(semlive: Callable[..., Said], tmp_path: Path) -> None:
     case = Case(ONE, ("wrong_row_time",), 1.43, 1)
     log = imported(tmp_path / "maps", case.conditions(), case.effects(), GRID)
 
@@ -22,13 +22,13 @@ def test_an_open_verdict_foretells_what_experiments_decide(semlive: Callable[...
     assert code == 0
     assert (found["outcome"], found["ambiguous"]) == ("AMBIGUOUS", ["wrong_row_time", "scan_shear_drift"])
     menu = found["experiment"]["foretold"]
-    assert {one["kind"] for one in menu} == {"parked", "again", "reversed", "other_scan", "longer_hold", "dummy_steps", "unload"}
-    for one in menu:
-        assert set(one) == {"kind", "dwell", "minutes", "log_odds", "log_odds_per_minute", "true", "other"}
-        assert {one["true"], one["other"]} == set(found["ambiguous"])
-        assert abs(one["log_odds_per_minute"] - one["log_odds"] / one["minutes"]) < 1e-12
-        assert 10.0 < one["minutes"] < 300.0
-    rates = [one["log_odds_per_minute"] for one in menu]
+    assert {item["kind"] for item in menu} == {"parked", "again", "reversed", "other_scan", "longer_hold", "dummy_steps", "unload"}
+    for item in menu:
+        assert set(item) == {"kind", "dwell", "minutes", "log_odds", "log_odds_per_minute", "true", "other"}
+        assert {item["true"], item["other"]} == set(found["ambiguous"])
+        assert abs(item["log_odds_per_minute"] - item["log_odds"] / item["minutes"]) < 1e-12
+        assert 10.0 < item["minutes"] < 300.0
+    rates = [item["log_odds_per_minute"] for item in menu]
     assert rates == sorted(rates, reverse=True)
     page = (tmp_path / "page.html").read_text()
     assert all(word in page for word in ("Expected results of experiments", "other scan, 2 times the dwell", "ln odds per minute"))

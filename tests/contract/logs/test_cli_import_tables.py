@@ -47,7 +47,7 @@ SPELLINGS = {
 def test_a_map_is_the_same_in_every_spelling(tmp_path: Path, name: str) -> None:
     log = tmp_path / "import.mcap"
     import_folder(ImportRequest(folder_with(tmp_path / "maps", *SPELLINGS[name]), log))
-    (found,) = [decode_map(one.payload) for one in messages(log) if one.topic == DIC_MAP]
+    (found,) = [decode_map(item.payload) for item in messages(log) if item.topic == DIC_MAP]
     assert found.valid.all()
     assert (found.u_px == 1.25).all()
     assert (found.v_px == -0.5).all()
@@ -59,8 +59,8 @@ def test_decimal_commas_between_commas_are_refused(
     folder = folder_with(tmp_path / "maps", "x,y,u,v\n" + BODY.replace(".", ","))
     monkeypatch.setattr(sys, "argv", ["semlive", "import", str(folder), "-o", str(tmp_path / "import.mcap")])
     assert run_app() == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "disparity_0_1.csv: line 2: has 6 cells under 4 names: the numbers seem to have decimal commas" in said
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "disparity_0_1.csv: line 2: has 6 cells under 4 names: the numbers seem to have decimal commas" in printed
     assert not (tmp_path / "import.mcap").exists()
     with pytest.raises(BadInput, match=r"frames\.csv: line 2: has \d+ cells under 12 names"):
         import_folder(

@@ -26,7 +26,7 @@ def poor(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return copy
 
 
-def test_strain_under_load_is_refused_with_figures_and_given_when_asked_for(semlive: Semlive, poor: Path, tmp_path: Path) -> None:
+def test_strain_under_load_is_refused_with_figures_and_given_when_requested(semlive: Semlive, poor: Path, tmp_path: Path) -> None:
     log = str(tmp_path / "poor.mcap")
     code, _, err = semlive("import", str(poor), "-o", log, "--specimen-area-mm2", "1.0")
     assert code == 0, err
@@ -42,8 +42,8 @@ def test_strain_under_load_is_refused_with_figures_and_given_when_asked_for(seml
     assert list(tmp_path.iterdir()) == [Path(log)]
     code, out, err = semlive("replay", log, "--json", "--set", "estimate.accept_poor_calibration=true")
     assert (code, err) == (0, "")
-    told = json.loads(out)
-    assert any(one.startswith("WARNING, the load steps are corrected with it all the same") for one in told["warnings"])
+    reported = json.loads(out)
+    assert any(item.startswith("WARNING, the load steps are corrected with it all the same") for item in reported["warnings"])
 
 
 def test_so_is_it_by_the_published_procedure(semlive: Semlive, poor: Path, tmp_path: Path) -> None:
@@ -60,7 +60,7 @@ def test_nor_is_it_given_to_python(semlive: Semlive, poor: Path, tmp_path: Path)
     with pytest.raises(PoorCalibration, match=r"the calibration is refused: .* estimate\.accept_poor_calibration=true"):
         open_log(log)
     opened = open_log(log, changes=["estimate.accept_poor_calibration=true"])
-    assert any(one.startswith("WARNING, the load steps are corrected with it all the same") for one in opened.warnings)
+    assert any(item.startswith("WARNING, the load steps are corrected with it all the same") for item in opened.warnings)
 
 
 def test_what_was_measured_before_the_load_is_given(semlive: Semlive, poor: Path, tmp_path: Path) -> None:
@@ -68,4 +68,4 @@ def test_what_was_measured_before_the_load_is_given(semlive: Semlive, poor: Path
     assert semlive("import", str(poor), "-o", log)[0] == 0
     code, out, _ = semlive("replay", log, "--json", "--until", "3")
     assert code == 0
-    assert any("distortion not determined yet" in one for one in json.loads(out)["warnings"])
+    assert any("distortion not determined yet" in item for item in json.loads(out)["warnings"])

@@ -43,15 +43,15 @@ def own(short: Path) -> ReplayResult:
 
 
 def checked(out: Path, own: ReplayResult) -> None:
-    told = json.loads(json.dumps(result_json(own.result, own.settings)))
+    reported = json.loads(json.dumps(result_json(own.result, own.settings)))
     assert sorted(path.name for path in out.iterdir()) == ["combined.h5", "summary.csv", "summary.json"]
     with h5py.File(out / "combined.h5") as file:
         assert set(file["logs"]) == {"short", "short_2"}
         for group in file["logs"].values():
-            assert json.loads(group["result"].asstr()[()]) == told
+            assert json.loads(group["result"].asstr()[()]) == reported
             np.testing.assert_array_equal(group["frames/7/eyy"], own.result.frames[7].strain.eyy)
         assert list(file["summary/name"].asstr()) == ["short", "torn", "short_2"]
-        assert file["summary/noise_floor_px"][0] == told["noise_floor_px"]
+        assert file["summary/noise_floor_px"][0] == reported["noise_floor_px"]
         assert np.isnan(file["summary/noise_floor_px"][1])
     with (out / "summary.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -61,19 +61,19 @@ def checked(out: Path, own: ReplayResult) -> None:
 
 def test_all_cores_and_one_log_that_is_torn(semlive: Semlive, logs: list[Path], own: ReplayResult, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    code, said, err = semlive("reanalyse", *map(str, logs), "-o", str(out), "--jobs", "2", "--json")
+    code, printed, err = semlive("reanalyse", *map(str, logs), "-o", str(out), "--jobs", "2", "--json")
     assert code == 1
     assert "1 of 3 logs failed, the first" in err
-    told = json.loads(said)
-    assert told["failed"] == 1
-    assert [row["pairs"] for row in told["logs"]] == [4, None, 4]
+    reported = json.loads(printed)
+    assert reported["failed"] == 1
+    assert [row["pairs"] for row in reported["logs"]] == [4, None, 4]
     checked(out, own)
 
 
 def test_a_dask_cluster(logs: list[Path], own: ReplayResult, tmp_path: Path) -> None:
     with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as workers:
         done = reanalyse([ReplayRequest(log) for log in logs], tmp_path / "out", lambda: campaign.dask_executor(workers.scheduler_address))
-    assert [one.error is None for one in done] == [True, False, True]
+    assert [item.error is None for item in done] == [True, False, True]
     checked(tmp_path / "out", own)
 
 
@@ -107,5 +107,5 @@ def test_a_process_that_dies_takes_no_other_log_with_it(logs: list[Path], tmp_pa
             yield Dying(pool)
 
     done = reanalyse([ReplayRequest(log) for log in logs[:2]], tmp_path / "out", executor)
-    assert [one.error is None for one in done] == [True, False]
+    assert [item.error is None for item in done] == [True, False]
     assert "its process died" in (done[1].error or "")

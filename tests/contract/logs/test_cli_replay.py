@@ -40,61 +40,62 @@ FRAME = (
 def test_json_has_the_agreed_shape(semlive: Semlive, imported: Path) -> None:
     code, out, err = semlive("replay", str(imported), "--json", "--method", "sutton2007")
     assert (code, err) == (0, "")
-    told = json.loads(out)
-    assert {name: type(value) for name, value in told.items()} == SHAPE
-    assert told["method"] == "sutton2007"
-    for frame in told["frames"]:
+    reported = json.loads(out)
+    assert {name: type(value) for name, value in reported.items()} == SHAPE
+    assert reported["method"] == "sutton2007"
+    for frame in reported["frames"]:
         assert tuple(frame) == FRAME
         assert set(frame["strain_mean"]) == set(frame["strain_mean_sigma"]) == set(frame["strain_sd"]) == {"exx", "eyy", "exy"}
         assert len(frame["shift_px"]) == len(frame["drift_end_px"]) == 2
-    assert set(told["distortion"]) == {"max_px", "rms_px"}
-    assert set(told["elastic"]) == {"youngs_modulus_gpa", "poissons_ratio"}
-    assert set(told["elastic"]["poissons_ratio"]) == {"value", "sigma"}
+    assert set(reported["distortion"]) == {"max_px", "rms_px"}
+    assert set(reported["elastic"]) == {"youngs_modulus_gpa", "poissons_ratio"}
+    assert set(reported["elastic"]["poissons_ratio"]) == {"value", "sigma"}
 
 
 def test_a_replay_is_the_same_every_time_and_however_maps_are_kept(imported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told = []
+    reported = []
     for in_memory in (2**30, 0):
         monkeypatch.setattr(MapStore.__init__, "__defaults__", (in_memory,))
         frames = []
         done = replay(ReplayRequest(imported), ReplayCallbacks(frame=frames.append))
         assert done.result.frames == ()
         assert len(frames) == 24
-        told.append(json.dumps(result_json(done.result, done.settings)))
-    assert told[0] == told[1]
+        reported.append(json.dumps(result_json(done.result, done.settings)))
+    assert reported[0] == reported[1]
 
 
 def test_only_the_first_pairs(imported: Path) -> None:
     done = replay(ReplayRequest(imported, until=6))
-    assert [one.pair for one in done.result.decisions] == list(range(7))
+    assert [item.pair for item in done.result.decisions] == list(range(7))
     assert not done.unchanged
 
 
-def test_changed_settings_are_set_beside_the_logs_own(semlive: Semlive, short: Path) -> None:
+def test_changed_settings_are_set_next_to_the_logs_own(semlive: Semlive, short: Path) -> None:
     code, out, err = semlive("replay", str(short), "--set", "estimate.window=5")
     assert (code, err) == (0, "")
     assert "log's own settings and new result" in out
     assert any(line.split()[:4] == ["vsg_px", "400", "200", "-200"] for line in out.splitlines())
     before, after = (replay(ReplayRequest(short, changes=parse_changes(words))) for words in ([], ["estimate.window=5"]))
-    assert json_differences(*(result_json(one.result, one.settings) for one in (before, after)))
+    assert json_differences(*(result_json(item.result, item.settings) for item in (before, after)))
     assert after.settings.estimate.window_points == 5
 
 
 def test_at_a_pace_pairs_are_told_as_they_come(short: Path) -> None:
-    seen: list[tuple[int, float]] = []
+    observed: list[tuple[int, float]] = []
     begin = time.monotonic()
     # A pair every 429.35 s of the log: 1,288 s from the first to the fourth, at 2,000 times life 0.64 s.
     replay(
-        ReplayRequest(short, speed=2000.0), ReplayCallbacks(pair=lambda decision, _: seen.append((decision.pair, time.monotonic() - begin)))
+        ReplayRequest(short, speed=2000.0),
+        ReplayCallbacks(pair=lambda decision, _: observed.append((decision.pair, time.monotonic() - begin))),
     )
-    assert [pair for pair, _ in seen] == list(range(4))
-    assert seen[-1][1] - seen[0][1] > 0.63
+    assert [pair for pair, _ in observed] == list(range(4))
+    assert observed[-1][1] - observed[0][1] > 0.63
 
 
 def test_pairs_are_printed_at_a_pace(semlive: Semlive, short: Path) -> None:
     code, out, err = semlive("replay", str(short), "--speed", "1e6", "--until", "2")
     assert (code, err) == (0, "")
-    assert [line.split()[1] for line in out.splitlines() if line.startswith("pair ")] == [str(one) for one in range(3)]
+    assert [line.split()[1] for line in out.splitlines() if line.startswith("pair ")] == [str(item) for item in range(3)]
 
 
 SETTINGS = {

@@ -21,28 +21,28 @@ from semlive.service.analysis.results import result_messages
 
 def loaded(beyond_px: float) -> PairResult:
     """The first load step after three pairs, its field carried away."""
-    experiment, settings, begun = make_experiment(CASES["tension"], 5, Grid(101, 101, 50, 15, 12, 43), 4), AnalysisSettings(), None
+    experiment, settings, started = make_experiment(CASES["tension"], 5, Grid(101, 101, 50, 15, 12, 43), 4), AnalysisSettings(), None
     for taken in experiment.pairs:
         decision, maps = decision_of(taken, taken.pair, settings), taken.maps
-        begun = begun or pipeline.start_from_maps(settings, decision.first, experiment.grid)
+        started = started or pipeline.start_from_maps(settings, decision.first, experiment.grid)
         if taken.phase is Phase.TENSION:
-            away = tuple(replace(one, v_px=np.asarray(one.v_px) + beyond_px) if one.reference == 0 else one for one in maps)
-            return pipeline.add_pair(begun, decision, away)[1]
-        begun = pipeline.accumulate(begun, decision, maps)
+            away = tuple(replace(item, v_px=np.asarray(item.v_px) + beyond_px) if item.reference == 0 else item for item in maps)
+            return pipeline.add_pair(started, decision, away)[1]
+        started = pipeline.accumulate(started, decision, maps)
     raise AssertionError("it has load steps")
 
 
 def test_a_frame_beyond_the_calibrated_area_is_told_at_once() -> None:
-    told = list(result_messages(loaded(120.0), 0.1))
-    (fault,) = (from_json(one.topic, one.payload) for one in told if one.topic == "/fault")
+    reported = list(result_messages(loaded(120.0), 0.1))
+    (fault,) = (from_json(item.topic, item.payload) for item in reported if item.topic == "/fault")
     assert isinstance(fault, FaultMessage)
     assert "of the points of frame 8 lie beyond the area that the calibration covered" in fault.what
-    assert all(is_output(one) for one in told)
-    assert not [one for one in result_messages(loaded(0.0), 0.1) if one.topic == "/fault"]
+    assert all(is_output(item) for item in reported)
+    assert not [item for item in result_messages(loaded(0.0), 0.1) if item.topic == "/fault"]
 
 
 def test_the_calibration_is_told_with_every_pair() -> None:
-    (drift,) = (from_json(one.topic, one.payload) for one in result_messages(loaded(0.0), 0.1) if one.topic == "/drift/estimate")
+    (drift,) = (from_json(item.topic, item.payload) for item in result_messages(loaded(0.0), 0.1) if item.topic == "/drift/estimate")
     assert isinstance(drift, DriftMessage)
     assert drift.calibration is not None
     assert min(drift.calibration.lever_px) > 10.0

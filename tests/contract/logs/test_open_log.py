@@ -36,7 +36,7 @@ def test_frames_are_arrays_on_the_grid(log: OpenLog) -> None:
     assert frame.load_n == pytest.approx(213.3)
     slope = np.polyfit(frame.y[frame.valid], frame.v[frame.valid], 1)[0]
     assert slope == pytest.approx(frame.strain_mean["eyy"], abs=1e-4)
-    assert [one.number for one in log.frames[20:22]] == [20, 21]
+    assert [item.number for item in log.frames[20:22]] == [20, 21]
     with pytest.raises(IndexError, match=r"there is no frame 24; the numbers are 0 \.\.\. 23"):
         log.frames[24]
 
@@ -110,9 +110,9 @@ def test_another_window(short: Path) -> None:
 def test_the_example_runs(imported: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(sys, "argv", [str(EXAMPLE), str(imported)])
     runpy.run_path(str(EXAMPLE), run_name="__main__")
-    said = capsys.readouterr().out
-    assert "youngs_modulus_gpa: 7" in said
-    assert "{'frame': 2, 'y': 24, 'x': 30}" in said
+    printed = capsys.readouterr().out
+    assert "youngs_modulus_gpa: 7" in printed
+    assert "{'frame': 2, 'y': 24, 'x': 30}" in printed
 
 
 def test_the_package_stays_light() -> None:

@@ -32,15 +32,15 @@ def done(imported: Path) -> ReplayResult:
 
 
 def test_a_tensile_run_has_the_papers_figures(done: ReplayResult) -> None:
-    keys = [one.key for one in sections(done.result, None, done.settings)]
+    keys = [item.key for item in sections(done.result, None, done.settings)]
     assert {key.split("-")[0] for key in keys if key.startswith("fig")} == OF_THE_PAPER
     assert {"strain-maps", "stress-strain"} <= set(keys)
     assert len(keys) == len(set(keys))
 
 
-def test_the_page_tells_all_and_needs_nothing(semlive: Callable[..., tuple[int, str, str]], imported: Path, tmp_path: Path) -> None:
-    code, said, err = semlive("report", str(imported), "-o", str(tmp_path / "page.html"), "--json")
-    assert (code, json.loads(said)) == (0, {"page": str(tmp_path / "page.html"), "figures": []}), err
+def test_the_page_reports_all_and_needs_nothing(semlive: Callable[..., tuple[int, str, str]], imported: Path, tmp_path: Path) -> None:
+    code, printed, err = semlive("report", str(imported), "-o", str(tmp_path / "page.html"), "--json")
+    assert (code, json.loads(printed)) == (0, {"page": str(tmp_path / "page.html"), "figures": []}), err
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     headings = re.findall(r"<h2>(.*?)</h2>", page)
     assert {"Uncertainty budget", "Frames", "Alarms", "Refused frames", "Settings", "Versions", "False strain", "Translation path"} <= set(
@@ -91,7 +91,7 @@ def test_refused_frames_are_counted_by_reason_and_listed() -> None:
     assert "&lt;a2&gt;.tif</td><td>&lt;a2&gt;.tif is not used: its scan began 2 s" in page
 
 
-def test_alarms_are_listed_and_none_is_said_only_of_a_log_without_any() -> None:
+def test_alarms_are_listed_and_none_is_reported_only_of_a_log_without_any() -> None:
     open_one = Alarm(1_800_000_000_123_456_789, "emergency_stop", "<emergency stop>", "load frame", "stopped")
     done_one = Alarm(1_800_000_001_999_999_999, "limit", "beyond", "run", "stopped", 1_800_000_002_000_000_000, "page at 127.0.0.1")
     page = alarms_html(Alarms((open_one, done_one)))
@@ -115,8 +115,8 @@ def test_a_run_without_results_has_a_page_of_its_alarms(semlive: Callable[..., t
     recorder.write("/state", StateMessage(time_ns=now_ns, before="ramping", after="estopped", cause="emergency", step=0, guards={}))
     recorder.write("/log", LogLineMessage(time_ns=now_ns, level="info", text="the load frame was stopped by its <emergency stop>"))
     assert recorder.close(10.0)
-    code, said, err = semlive("report", str(log))
-    assert (code, said) == (2, "")
+    code, printed, err = semlive("report", str(log))
+    assert (code, printed) == (2, "")
     assert err.endswith(f"its alarms and rejected frames are in {tmp_path / 'stopped-report.html'}\n")
     page = (tmp_path / "stopped-report.html").read_text(encoding="utf-8")
     assert "1 alarms, 1 of them not acknowledged" in page
@@ -125,9 +125,9 @@ def test_a_run_without_results_has_a_page_of_its_alarms(semlive: Callable[..., t
 
 
 def test_a_figure_is_written_for_a_journal(done: ReplayResult, tmp_path: Path) -> None:
-    section = next(one for one in sections(done.result, None, done.settings) if one.key == "fig14-constants")
+    section = next(item for item in sections(done.result, None, done.settings) if item.key == "fig14-constants")
     paths = write_section(tmp_path / "figures", section)
-    assert [one.name for one in paths] == ["fig14-constants.png", "fig14-constants.pdf"]
+    assert [item.name for item in paths] == ["fig14-constants.png", "fig14-constants.pdf"]
     assert paths[1].read_bytes().startswith(b"%PDF")
     assert png_width(paths[0]) == pytest.approx(7.0 * 300, abs=1)
 

@@ -11,9 +11,9 @@ import time
 import zlib
 
 from lab import Lab, until
+from link_states import SOON_MS, WATCHDOG_MS, in_fault, ramping, stopped
 from mcap.exceptions import McapError
 from mcap.stream_reader import StreamReader
-from rows_link import SOON_MS, WATCHDOG_MS, in_fault, ramping, stopped
 from table import Kind, Observation, Row
 
 _UNLIMITED = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
@@ -108,8 +108,8 @@ def torn_log(lab: Lab) -> Observation:
     lab.daemon.send_signal(signal.SIGINT)
     code, _ = lab.end()
     assert code == 1
-    kept = len([entry for entry in lab.logged("/load_frame/sample")])
-    assert kept > samples * 0.8
+    stored = len([entry for entry in lab.logged("/load_frame/sample")])
+    assert stored > samples * 0.8
     lab.require_complete_log()
     return Observation("recovered, the damaged original kept in the same folder, resumed with the complete hold")
 

@@ -21,6 +21,9 @@ from semlive.formats.log.maps import encode_map
 from semlive.formats.log.messages import DIC_MAP, RunMessage
 from semlive.formats.log.reader import LogMessage
 from semlive.service.config.configuration import parse_config
+from semlive.service.diagnosis.images import ImageChannels, ImageData
+from semlive.service.log.files import messages
+from semlive.service.log.pairs import LogNotes, log_settings, pairs_with_maps
 from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 from semlive_simulators.exporters.image_metadata import ImageMetadata
@@ -52,6 +55,14 @@ class _Now:
 def moved(pair: int, shift_px: tuple[float, float]) -> Step:
     """A step of calibration."""
     return Step(pair, Phase.CALIBRATION, (shift_px[0] * PIXEL_UM, shift_px[1] * PIXEL_UM), shift_px, None)
+
+
+def image_data(log: Path) -> ImageData:
+    """The image channels of all pairs of a log."""
+    channels = ImageChannels(log_settings(log).scan, 0)
+    for decision, maps in pairs_with_maps(log, channels.noting(messages(log)), LogNotes()):
+        channels.take(decision, maps)
+    return channels.data()
 
 
 def log_of(

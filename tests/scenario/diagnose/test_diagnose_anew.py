@@ -28,11 +28,11 @@ DRAWS = 99
 
 def few(*names: str) -> tuple[EffectClass, ...]:
     """A part of the dictionary: a verdict takes a third of the time."""
-    return tuple(effect_class(one) for one in names)
+    return tuple(effect_class(item) for item in names)
 
 
 def names_of(found: Diagnosis) -> set[str]:
-    return {one.name for one in found.effects}
+    return {item.name for item in found.effects}
 
 
 @pytest.fixture(scope="module")
@@ -50,20 +50,20 @@ def test_a_large_tilt_does_not_make_the_drift_carry_the_distortion(tilted: Obser
 
 
 def test_where_nothing_is_hidden_the_choice_stands() -> None:
-    seen = Case(ONE, ("tilt_with_load",), 0.01, 80_001).observed()
+    observed = Case(ONE, ("tilt_with_load",), 0.01, 80_001).observed()
 
-    assert choose_coupling(seen, few("tilt_with_load")).observation is seen
-    assert not seen.state.distortion.carried
+    assert choose_coupling(observed, few("tilt_with_load")).observation is observed
+    assert not observed.state.distortion.carried
 
 
 def test_a_distortion_that_drifts_is_made_of_what_it_is_without_the_drift() -> None:
-    seen = Case(ONE, ("distortion_scale_drift",), 16.0, 80_004).observed()
-    found = diagnose(seen, dictionary=few("distortion_scale_drift", "inhomogeneous_strain"), draws=DRAWS)
+    observed = Case(ONE, ("distortion_scale_drift",), 16.0, 80_004).observed()
+    found = diagnose(observed, dictionary=few("distortion_scale_drift", "inhomogeneous_strain"), draws=DRAWS)
 
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"distortion_scale_drift"})
 
 
-def test_a_jump_beside_a_distortion_that_drifts_leaves_no_third_name() -> None:
+def test_a_jump_next_to_a_distortion_that_drifts_leaves_no_third_name() -> None:
     both = ("drift_jump", "distortion_scale_drift")
     found = diagnose(Case(TWO, both, 8.0, 83_028).observed(), dictionary=few(*both, "charging_frame_ramp"), draws=DRAWS)
 

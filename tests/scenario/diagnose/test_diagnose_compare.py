@@ -48,11 +48,11 @@ def test_with_the_effect_that_was_found_the_maps_are_alike(without: Observation,
 
 
 def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observation) -> None:
-    measured, having = (
+    measured, with_effects = (
         observed(conditions, hidden_effect("magnification_frame_instability", 0.1, seed), GRID)
         for seed, conditions in ((1, MEASURED), (2, SIMULATED))
     )
-    found = compare_with_simulations(measured, without, having)
+    found = compare_with_simulations(measured, without, with_effects)
     assert not found.maps.is_reduced
     assert found.sizes.interval[0] < 1.0 < found.sizes.interval[1]
     assert found.confirmed
@@ -60,10 +60,10 @@ def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observatio
 
 def test_what_the_estimate_takes_for_the_raster_is_compared_too(without: Observation) -> None:
     stretched = hidden_effect("magnification_drift", 0.4, 1)
-    measured, having = (observed(conditions, stretched, GRID) for conditions in (MEASURED, SIMULATED))
-    assert [one.included for one in measured.solution.terms if one.name == "magnification"] == [True]
+    measured, with_effects = (observed(conditions, stretched, GRID) for conditions in (MEASURED, SIMULATED))
+    assert [item.included for item in measured.solution.terms if item.name == "magnification"] == [True]
 
-    found = compare_with_simulations(measured, without, having)
+    found = compare_with_simulations(measured, without, with_effects)
     assert found.maps.closure == pytest.approx(1.0, abs=0.15)
     assert found.maps.before_px > 1.2 * found.maps.floor_px
     assert found.confirmed

@@ -10,23 +10,20 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
-from imaged_log import log_of, moved
+from imaged_log import image_data, log_of, moved
 
 from semlive.data.diagnosis.channels import IntensityDiagnosis
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.settings import DicSettings
 from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive.report.diagnosis_page import diagnosis_html
-from semlive.service.diagnosis.images import channels_of_log
 from semlive.service.diagnosis.model_file import Model, write_model
-from semlive.service.diagnosis.run import diagnose_log, diagnosis_json
-from semlive.service.log.pairs import log_settings
-from semlive_simulators.effects.charging_jump import ChargingJump
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive.service.diagnosis.run import diagnose_log
+from semlive.service.diagnosis.verdict_json import diagnosis_json
+from semlive.service.log.opened_log import OpenedLog
+from semlive_simulators.effects.charging import ChargingJump, ChargingLocalLens
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.contamination import Contamination
-from semlive_simulators.effects.defocus import Defocus
-from semlive_simulators.effects.gamma_change import GammaChange
+from semlive_simulators.effects.detector import Contamination, Defocus, GammaChange
 from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
@@ -51,27 +48,26 @@ def logged(folder: Path, *effects: Effect) -> Path:
             starts_s.append(at_s)
             at_s += SCAN.frame_time_s + SCAN.gap_s
         at_s += 60.0
-    return log_of(folder / "run", images, SCAN, starts_s, SETTINGS, [moved(*one) for one in enumerate(SHIFTS_PX)])
+    return log_of(folder / "run", images, SCAN, starts_s, SETTINGS, [moved(*item) for item in enumerate(SHIFTS_PX)])
 
 
 def grey_of(folder: Path, *effects: Effect) -> IntensityDiagnosis:
-    log = logged(folder, *effects)
-    seen = channels_of_log(log, log_settings(log).scan)
-    assert seen.grey is not None
-    assert seen.no_grey == ""
-    return diagnose_intensity(seen.grey)
+    observed = image_data(logged(folder, *effects))
+    assert observed.grey is not None
+    assert observed.no_grey == ""
+    return diagnose_intensity(observed.grey)
 
 
 def told(found: IntensityDiagnosis, name: str) -> dict[str, tuple[float, float]]:
-    (effect,) = [one for one in found.effects if one.name == name]
-    return {one.name: (one.value, one.sigma) for one in effect.parameters}
+    (effect,) = [item for item in found.effects if item.name == name]
+    return {item.name: (item.value, item.sigma) for item in effect.parameters}
 
 
 def close(found: tuple[float, float], truth: float, sigmas: float = 4.0) -> bool:
     return abs(found[0] - truth) < sigmas * found[1]
 
 
-def test_nothing_is_named_where_nothing_is_and_noise_is_told(tmp_path: Path) -> None:
+def test_nothing_is_named_where_nothing_is_and_noise_is_reported(tmp_path: Path) -> None:
     found = grey_of(tmp_path)
 
     assert (found.outcome, found.effects, found.unexplained) == (Outcome.NONE, (), "")
@@ -85,7 +81,7 @@ def test_nothing_is_named_where_nothing_is_and_noise_is_told(tmp_path: Path) -> 
 def test_contamination_is_a_loss_of_mean_and_contrast_alike(tmp_path: Path) -> None:
     found = grey_of(tmp_path, Contamination(2e-5, 1000.0, 860.0))
 
-    assert (found.outcome, [one.name for one in found.effects]) == (Outcome.IDENTIFIED, ["contamination"])
+    assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["contamination"])
     loss = told(found, "contamination")["loss_per_s"]
     assert close(loss, 2e-5)
     assert loss[1] < 2e-6
@@ -94,7 +90,7 @@ def test_contamination_is_a_loss_of_mean_and_contrast_alike(tmp_path: Path) -> N
 def test_defocus_widens_the_probe_and_leaves_the_mean(tmp_path: Path) -> None:
     found = grey_of(tmp_path, Defocus(5e-4, 0.0))
 
-    assert (found.outcome, [one.name for one in found.effects]) == (Outcome.IDENTIFIED, ["defocus"])
+    assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["defocus"])
     rate = told(found, "defocus")["blur_px_per_s"]
     assert close(rate, 5e-4)
     assert rate[1] < 5e-5
@@ -103,7 +99,7 @@ def test_defocus_widens_the_probe_and_leaves_the_mean(tmp_path: Path) -> None:
 def test_another_grey_curve_is_told_with_its_instant(tmp_path: Path) -> None:
     found = grey_of(tmp_path, GammaChange(1.05, 0.9, -8.0, 600.0))
 
-    assert (found.outcome, [one.name for one in found.effects]) == (Outcome.IDENTIFIED, ["gamma_change"])
+    assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["gamma_change"])
     parameters = told(found, "gamma_change")
     assert all(close(parameters[name], truth) for name, truth in (("gain", 1.05), ("gamma", 0.9), ("offset_levels", -8.0)))
     assert parameters["gamma"][1] < 0.03
@@ -125,12 +121,13 @@ def jumping(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_jump_with_a_flash_is_a_charges(jumping: Path, tmp_path: Path) -> None:
     model, page = tmp_path / "model.json", tmp_path / "page.html"
-    verdict = diagnose_log(jumping)
+    log = OpenedLog(jumping)
+    verdict, _ = diagnose_log(log)
     found = diagnosis_json(verdict)
-    write_model(model, verdict, jumping, Model())
+    write_model(model, verdict, log, Model())
     page.write_text(diagnosis_html("run", verdict), encoding="utf-8")
 
-    names = [one["name"] for one in found["effects"]]
+    names = [item["name"] for item in found["effects"]]
     assert "charging_jump" in names
     assert "drift_jump" not in names
     parameters = found["effects"][names.index("charging_jump")]["parameters"]
@@ -139,7 +136,7 @@ def test_a_jump_with_a_flash_is_a_charges(jumping: Path, tmp_path: Path) -> None
     assert abs(parameters["flash_levels"]["value"] - 25.0) < 4.0 * parameters["flash_levels"]["sigma"]
     assert {"x_px", "y_px", "at_s"} <= set(parameters)
     assert found["grey"]["looked_at"] is True
-    assert {"intensity"} <= {one["domain"] for one in found["where"]}
+    assert {"intensity"} <= {item["domain"] for item in found["where"]}
     assert "Grey levels" in page.read_text(encoding="utf-8")
-    laws = {one["name"]: one["law"]["family"] for one in json.loads(model.read_text(encoding="utf-8"))["effects"]}
+    laws = {item["name"]: item["law"]["family"] for item in json.loads(model.read_text(encoding="utf-8"))["effects"]}
     assert laws["charging_jump"] == "drift_jump"

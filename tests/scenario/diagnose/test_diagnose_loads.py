@@ -22,9 +22,8 @@ from semlive.data.strain import MeasuredValue
 from semlive.diagnose.baseline.observation import Observation, StepConditions
 from semlive.diagnose.scalars.load_cell import add_load_cell_evidence, load_readings
 from semlive.diagnose.scalars.strain_gage import add_gage_evidence, gage_readings
-from semlive_simulators.effects.load_cell_drift import LoadCellDrift
-from semlive_simulators.effects.load_cell_zero import LoadCellZero
-from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
+from semlive_simulators.effects.deformation import OutOfPlaneTranslation
+from semlive_simulators.effects.load_cell import LoadCellDrift, LoadCellZero
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
 CONDITIONS = Conditions(509)
@@ -39,10 +38,10 @@ def seen() -> Observation:
 def steps(effect: LoadCellDrift | LoadCellZero | None) -> list[StepConditions]:
     rng = np.random.default_rng(1)
     found = []
-    for one in poses(CONDITIONS):
-        load_n = one.load_n if effect is None else effect.load_reading_n(one.load_n, start_s(2 * one.pair), one.motion)
+    for item in poses(CONDITIONS):
+        load_n = item.load_n if effect is None else effect.load_reading_n(item.load_n, start_s(2 * item.pair), item.motion)
         read_n = load_n + 0.1 * rng.standard_normal(2)
-        found.append(StepConditions(one.pair, one.phase, (float(read_n[0]), float(read_n[1])), one.commanded_px))
+        found.append(StepConditions(item.pair, item.phase, (float(read_n[0]), float(read_n[1])), item.commanded_px))
     return found
 
 
@@ -59,22 +58,22 @@ def test_a_cell_that_reads_what_there_is_has_no_effect(seen: Observation) -> Non
 def test_what_it_does_by_itself_has_a_name(seen: Observation) -> None:
     drifting = add_load_cell_evidence(NOTHING, load_readings(seen, steps(LoadCellDrift(0.002)), "y"))
     assert drifting.outcome is Outcome.IDENTIFIED
-    (one,) = drifting.effects[0].parameters
-    assert one.value == pytest.approx(0.002, abs=3.0 * one.sigma)
-    assert one.sigma < 2e-4
+    (item,) = drifting.effects[0].parameters
+    assert item.value == pytest.approx(0.002, abs=3.0 * item.sigma)
+    assert item.sigma < 2e-4
 
     zero = add_load_cell_evidence(NOTHING, load_readings(seen, steps(LoadCellZero(-20.0)), "y"))
     assert zero.outcome is Outcome.AMBIGUOUS
     assert zero.ambiguous == ("load_cell_zero", "preload")
-    (one,) = zero.effects[0].parameters
-    assert one.value == pytest.approx(-20.0, abs=3.0 * one.sigma)
+    (item,) = zero.effects[0].parameters
+    assert item.value == pytest.approx(-20.0, abs=3.0 * item.sigma)
 
 
 def gaged() -> list[StepConditions]:
     """Steps with a gage whose factor is off by the usual 0.5 %, and whose zero by 1e-4."""
     rng = np.random.default_rng(2)
-    strain = [1.005 * one.load_n / (YOUNGS_GPA * 1e3 * AREA_MM2) + 1e-4 + 1e-7 * rng.standard_normal() for one in poses(CONDITIONS)]
-    return [replace(one, gage=MeasuredValue(by, 1e-7)) for one, by in zip(steps(None), strain, strict=True)]
+    strain = [1.005 * item.load_n / (YOUNGS_GPA * 1e3 * AREA_MM2) + 1e-4 + 1e-7 * rng.standard_normal() for item in poses(CONDITIONS)]
+    return [replace(item, gage=MeasuredValue(by, 1e-7)) for item, by in zip(steps(None), strain, strict=True)]
 
 
 def test_a_lift_that_is_strain_to_the_maps_is_told_by_a_gage(seen: Observation) -> None:
@@ -85,8 +84,8 @@ def test_a_lift_that_is_strain_to_the_maps_is_told_by_a_gage(seen: Observation) 
     lift = OutOfPlaneTranslation.defaults("x200")
     lifted = add_gage_evidence(NOTHING, gage_readings(load_readings(observed(CONDITIONS, (lift,), GRID), gaged(), "y"), gaged(), 0.005))
     assert (lifted.outcome, lifted.group) == (Outcome.IDENTIFIED, "G6")
-    one = lifted.effects[0].parameters[0]
-    assert one.value == pytest.approx(lift.lift_um_per_n / (1e3 * lift.working_distance_mm), abs=3.0 * one.sigma)
-    assert one.sigma < 1e-8
+    item = lifted.effects[0].parameters[0]
+    assert item.value == pytest.approx(lift.lift_um_per_n / (1e3 * lift.working_distance_mm), abs=3.0 * item.sigma)
+    assert item.sigma < 1e-8
     assert lifted.gap is not None
     assert lifted.gap.closure > 0.95

@@ -7,14 +7,12 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
-from imaged_log import log_of
+from imaged_log import image_data, log_of
 
 from semlive.data.settings import DicSettings
 from semlive.diagnose.rows.verdict import diagnose_rows
-from semlive.service.diagnosis.images import channels_of_log
-from semlive.service.log.pairs import log_settings
 from semlive_simulators.effects.composition import EffectSet
-from semlive_simulators.effects.mains_hum import MainsHum
+from semlive_simulators.effects.scan_deflection import MainsHum
 from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 
@@ -32,11 +30,11 @@ def test_hum_in_the_images_of_a_log_is_named(tmp_path: Path) -> None:
     images = [render_frame(scenario, start_s, frame=at, column=column) for at, start_s in enumerate(starts_s)]
     log = log_of(tmp_path / "run", images, SCAN, starts_s, SETTINGS)
 
-    seen = channels_of_log(log, log_settings(log).scan)
-    found = diagnose_rows(seen.rows)
+    observed = image_data(log)
+    found = diagnose_rows(observed.rows)
 
-    assert (len(seen.rows), seen.no_rows) == (2, "")
-    (effect,) = [one for one in found.effects if one.name == "mains_hum"]
-    told = {one.name: one.value for one in effect.parameters}
-    assert abs(told["frequency_hz"] - 50.0) < 0.01
-    assert 0.05 < told["amplitude_x_px"] < 0.2
+    assert (len(observed.rows), observed.no_rows) == (2, "")
+    (effect,) = [item for item in found.effects if item.name == "mains_hum"]
+    reported = {item.name: item.value for item in effect.parameters}
+    assert abs(reported["frequency_hz"] - 50.0) < 0.01
+    assert 0.05 < reported["amplitude_x_px"] < 0.2

@@ -21,9 +21,9 @@ FEW = tuple(one for one in EFFECT_CLASSES if one.name in ("magnification_drift",
 
 
 def test_a_local_drift_swallows_what_diagnosis_names() -> None:
-    seen = experiment("magnification_drift", 0.4, CONDITIONS, GRID)
-    misfit = swallowed(seen)
-    found = diagnose(seen, dictionary=FEW, draws=99)
+    observed = experiment("magnification_drift", 0.4, CONDITIONS, GRID)
+    misfit = swallowed(observed)
+    found = diagnose(observed, dictionary=FEW, draws=99)
 
     assert misfit.global_misfit > 1.3
     assert misfit.local_misfit < 1.2  # noise alone gives 1.07, as what no drift is has been left in both

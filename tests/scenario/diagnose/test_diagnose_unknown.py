@@ -28,7 +28,7 @@ from semlive.diagnose.maps.refinement import refined
 from semlive.diagnose.maps.time_course_test import alternative_time_course_odds
 from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.diagnose.maps.verdict import diagnose
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive_simulators.effects.charging import ChargingLocalLens
 
 SPARSE = Grid(101, 101, 60, 13, 10, 43)  # a block is a point
 GRID = Grid(101, 101, 30, 25, 20, 43)  # fewer blocks than the usual grid has: verdicts take half the time
@@ -46,7 +46,7 @@ def drifting() -> Observation:
 
 def test_a_wrong_point_by_itself_is_nothing_without_a_name() -> None:
     right, wrong = (observed(replace(Conditions(505), outliers=share), (), SPARSE) for share in (0.0, 0.001))
-    loudest = max(one.log_factor for one in score_candidates(noise_scaled_baseline(wrong), UNNAMED_CLASSES))
+    loudest = max(item.log_factor for item in score_candidates(noise_scaled_baseline(wrong), UNNAMED_CLASSES))
 
     assert len(right.valid_blocks) - 8 <= len(wrong.valid_blocks) < len(right.valid_blocks)  # it is left out, and its neighbours are not
     assert loudest < SIGNIFICANT_LOG_FACTOR
@@ -55,24 +55,24 @@ def test_a_wrong_point_by_itself_is_nothing_without_a_name() -> None:
 def test_whatever_moves_neighbours_alike_keeps_its_blocks() -> None:
     bump = Case(STRANGER, ("quadratic_bump",), 0.5, 4003)
     clean = replace(bump.conditions(), outliers=0.0)
-    bare, bumped = (observed(clean, effects, SPARSE) for effects in ((), bump.effects()))
+    plain, bumped = (observed(clean, effects, SPARSE) for effects in ((), bump.effects()))
 
-    assert len(bumped.valid_blocks) == len(bare.valid_blocks)
+    assert len(bumped.valid_blocks) == len(plain.valid_blocks)
 
 
 def course_of(seen: Observation, name: str) -> float:
     """Of what is named whatever else would do."""
-    bare = noise_scaled_baseline(seen)
-    (heard,) = score_candidates(bare, (effect_class(name),))
-    named = refined(bare, heard)
-    return alternative_time_course_odds(build_grid(bare.design.with_effects(named.baseline_effect)), bare.design, [named])
+    plain = noise_scaled_baseline(seen)
+    (received,) = score_candidates(plain, (effect_class(name),))
+    named = refined(plain, received)
+    return alternative_time_course_odds(build_grid(plain.design.with_effects(named.baseline_effect)), plain.design, [named])
 
 
 def test_the_law_that_was_hidden_has_no_likelier_course(drifting: Observation) -> None:
     assert course_of(drifting, "magnification_drift") < 3.0
 
 
-def test_a_wrong_row_time_beside_a_drift_that_could_walk_has_no_likelier_course() -> None:
+def test_a_wrong_row_time_next_to_a_drift_that_could_walk_has_no_likelier_course() -> None:
     assert course_of(Case(ONE, ("wrong_row_time",), 8.0, 60_007).observed(), "wrong_row_time") < 3.0
 
 
@@ -86,12 +86,12 @@ def test_a_charge_that_approaches_its_end_is_one_effect() -> None:
     assert isinstance(hidden, ChargingLocalLens)
     names = ("charging_local_lens", "magnification_drift", "refocus_magnification_step", "magnification_frame_instability")
     found = diagnose(observed(case.conditions(), case.effects(), GRID), dictionary=[effect_class(name) for name in names], draws=DRAWS)
-    (told,) = found.effects
-    peak = next(one for one in told.parameters if one.name == "peak_px")
+    (reported,) = found.effects
+    peak = next(item for item in reported.parameters if item.name == "peak_px")
 
-    assert (found.outcome, told.name) == (Outcome.IDENTIFIED, "charging_local_lens")
+    assert (found.outcome, reported.name) == (Outcome.IDENTIFIED, "charging_local_lens")
     assert peak.sigma < 0.1 * peak.value
-    assert abs(peak.value - hidden.peak_px * -math.expm1(-found.duration_s / hidden.charging_s)) < 3.0 * peak.sigma
+    assert abs(peak.value - hidden.peak_px * -math.expm1(-found.run.duration_s / hidden.charging_s)) < 3.0 * peak.sigma
 
 
 def test_a_slow_drift_is_no_jump_at_every_step(drifting: Observation) -> None:
@@ -107,7 +107,7 @@ def test_without_its_name_an_effect_is_unknown(drifting: Observation) -> None:
     found = diagnose(drifting, dictionary=[effect_class(name) for name in names], draws=DRAWS)
 
     assert found.outcome is Outcome.UNKNOWN
-    assert [one.name for one in found.effects] == ["refocus_magnification_step"]  # the closest is told
+    assert [item.name for item in found.effects] == ["refocus_magnification_step"]  # the closest is told
 
 
 def test_a_bump_that_grows_with_the_square_of_time_is_no_uneven_strain() -> None:
@@ -125,7 +125,7 @@ def test_a_distortion_that_drifts_is_told_with_the_affine_part_that_nobody_knows
     (as_estimated,) = score_candidates(noise_scaled_baseline(seen), (replace(family, nonlinear_parameters=()),))
 
     assert found.outcome is Outcome.IDENTIFIED
-    assert [one.name for one in found.effects] == ["distortion_scale_drift"]
+    assert [item.name for item in found.effects] == ["distortion_scale_drift"]
     assert found.effects[0].log_bayes_factor > as_estimated.log_factor + 3.0
 
 
@@ -136,5 +136,5 @@ def test_an_effect_that_did_for_two_goes_when_both_are_named() -> None:
     found = diagnose(observed(case.conditions(), case.effects(), GRID), dictionary=few, draws=DRAWS)
 
     assert found.outcome is Outcome.IDENTIFIED
-    assert sorted(one.name for one in found.effects) == sorted(two)
-    assert min(one.log_bayes_factor for one in found.effects) > 100.0  # beside the other, not beside what did for both
+    assert sorted(item.name for item in found.effects) == sorted(two)
+    assert min(item.log_bayes_factor for item in found.effects) > 100.0  # beside the other, not beside what did for both

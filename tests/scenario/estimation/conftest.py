@@ -97,14 +97,14 @@ class World:
             smooth = SMOOTH_PX / 5
             white = self.rng.normal(size=(2, HEIGHT_PX // 5 + 20, WIDTH_PX // 5 + 20))
             amplitude = self.noise_px / np.sqrt(2) * 2 * np.sqrt(np.pi) * smooth
-            self.noise[frame] = amplitude * np.stack([gaussian_filter(one, smooth, mode="wrap") for one in white])
+            self.noise[frame] = amplitude * np.stack([gaussian_filter(item, smooth, mode="wrap") for item in white])
         where = np.stack((at[..., 1] / 5 + 10, at[..., 0] / 5 + 10))
-        return np.stack([map_coordinates(one, where, order=1, mode="nearest") for one in self.noise[frame]], axis=-1)
+        return np.stack([map_coordinates(item, where, order=1, mode="nearest") for item in self.noise[frame]], axis=-1)
 
     def map(self, reference: int, current: int, before: Field, after: Field) -> DisparityMap:
         moved = after - before + self.noise_at(current, after) - self.noise_at(reference, before)
-        u, v, one = moved[..., 0].copy(), moved[..., 1].copy(), np.ones(self.grid.shape)
-        return DisparityMap(reference, current, self.grid, u, v, 0.02 * one, 0.02 * one, one, np.zeros(self.grid.shape, np.uint8))
+        u, v, item = moved[..., 0].copy(), moved[..., 1].copy(), np.ones(self.grid.shape)
+        return DisparityMap(reference, current, self.grid, u, v, 0.02 * item, 0.02 * item, item, np.zeros(self.grid.shape, np.uint8))
 
     def pairs(self, steps: list[Step], starts_s: list[float] | None = None) -> Iterator[Taken]:
         """Pairs one after the other, or at times of their own."""

@@ -34,22 +34,22 @@ class Outcome:
 def run(world: Any, steps: list[Any]) -> Outcome:
     state = estimating.init(EstimateSettings(), world.grid, 1024, 884)
     taken = list(world.pairs(steps))
-    for one in taken:
-        state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
+    for item in taken:
+        state = estimating.update(state, item.pair, item.step.phase, item.times, item.maps)
     solution = estimating.solve(state)
     found = estimating.to_estimate(solution, 0)
     error, sigma, unloaded, points, frames = [], [], [], [], []
-    for one in taken:
-        for dmap in (dmap for dmap in one.maps if dmap.reference == 0):
+    for item in taken:
+        for dmap in (dmap for dmap in item.maps if dmap.reference == 0):
             moved = mechanics.displacement(dmap, estimating.correction(solution, dmap))
             systematic = estimating.correction_strain_sigma(solution, dmap)
-            said = mechanics.summary(moved, mechanics.strain(moved, 5), found.noise_floor_px, systematic)
-            g = one.gradient
-            error.append([said.mean.exx - g[0, 0], said.mean.eyy - g[1, 1], said.mean.exy - 0.5 * (g[0, 1] + g[1, 0])])
-            sigma.append([said.mean_sigma.exx, said.mean_sigma.eyy, said.mean_sigma.exy])
-            unloaded.append(one.step.strain == 0.0)
-            if one.step.phase is Phase.TENSION:
-                points.append((one.step.strain * YOUNGS_GPA * 1e3 * AREA_MM2, said))
+            printed = mechanics.summary(moved, mechanics.strain(moved, 5), found.noise_floor_px, systematic)
+            g = item.gradient
+            error.append([printed.mean.exx - g[0, 0], printed.mean.eyy - g[1, 1], printed.mean.exy - 0.5 * (g[0, 1] + g[1, 0])])
+            sigma.append([printed.mean_sigma.exx, printed.mean_sigma.eyy, printed.mean_sigma.exy])
+            unloaded.append(item.step.strain == 0.0)
+            if item.step.phase is Phase.TENSION:
+                points.append((item.step.strain * YOUNGS_GPA * 1e3 * AREA_MM2, printed))
                 frames.append(dmap.current)
     shared = estimating.mean_strain_covariance(solution, frames)
     elastic = mechanics.elastic_constants(points, AREA_MM2, "y", covariance=shared)
@@ -112,15 +112,15 @@ def test_without_noise_nothing_but_the_spline_is_left(world: Callable[..., Any],
 def test_short_run_and_coverage(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """Over seeds of the short plan: bars hold in each, and errors are as large as the stated sigmas say (more in the coverage tests)."""
     many = [run(world(seed), plans["short"]) for seed in range(100, 106)]
-    youngs = [one.elastic.youngs_modulus_gpa for one in many]
-    assert max(abs(one.elastic.poissons_ratio.value - POISSON) for one in many) <= 0.02
-    assert max(abs(one.value / YOUNGS_GPA - 1) for one in youngs) <= 0.03
-    assert max(np.sqrt((one.drift_error_px**2).mean(axis=1)).max() for one in many) <= 0.02
-    assert max(np.abs(one.strain_error[one.unloaded]).max() for one in many) <= 3e-5
+    youngs = [item.elastic.youngs_modulus_gpa for item in many]
+    assert max(abs(item.elastic.poissons_ratio.value - POISSON) for item in many) <= 0.02
+    assert max(abs(item.value / YOUNGS_GPA - 1) for item in youngs) <= 0.03
+    assert max(np.sqrt((item.drift_error_px**2).mean(axis=1)).max() for item in many) <= 0.02
+    assert max(np.abs(item.strain_error[item.unloaded]).max() for item in many) <= 3e-5
     z = {
-        "drift": np.concatenate([one.drift_z.ravel() for one in many]),
-        "distortion": np.concatenate([(one.distortion_error_px / one.estimate.distortion.sigma_px[..., None]).ravel() for one in many]),
-        "strain": np.concatenate([one.strain_z.ravel() for one in many]),
+        "drift": np.concatenate([item.drift_z.ravel() for item in many]),
+        "distortion": np.concatenate([(item.distortion_error_px / item.estimate.distortion.sigma_px[..., None]).ravel() for item in many]),
+        "strain": np.concatenate([item.strain_z.ravel() for item in many]),
     }
-    rms = {name: float(np.sqrt(np.mean(one**2))) for name, one in z.items()}
-    assert all(0.6 <= one <= 1.5 for one in rms.values()), rms
+    rms = {name: float(np.sqrt(np.mean(item**2))) for name, item in z.items()}
+    assert all(0.6 <= item <= 1.5 for item in rms.values()), rms

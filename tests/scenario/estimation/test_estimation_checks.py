@@ -26,15 +26,15 @@ def untouched(dmap: DisparityMap) -> DisparityMap:
 
 def solved(world: Any, steps: list[Any], spoil: Spoil = untouched) -> tuple[estimating.Solution, list[Any]]:
     state, taken = estimating.init(EstimateSettings(), world.grid, 1024, 884), list(world.pairs(steps))
-    for one in taken:
-        state = estimating.update(state, one.pair, one.step.phase, one.times, tuple(spoil(dmap) for dmap in one.maps))
+    for item in taken:
+        state = estimating.update(state, item.pair, item.step.phase, item.times, tuple(spoil(dmap) for dmap in item.maps))
     return estimating.solve(state), taken
 
 
 def test_halves_of_a_sound_run_agree(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """Over seeds the differences are as large as expected, neither more nor less: their sigmas are those of chance."""
-    found = [one for seed in range(200, 203) for one in consistency(solved(world(seed, step_px=30), plans["short"])[0])]
-    sigmas = np.array([one.sigmas for one in found])
+    found = [item for seed in range(200, 203) for item in consistency(solved(world(seed, step_px=30), plans["short"])[0])]
+    sigmas = np.array([item.sigmas for item in found])
     assert np.abs(sigmas).max() < 3.5, sigmas
     assert abs(sigmas.mean()) < 1.3, sigmas
     assert max(check.sigmas for check in found) <= WARN_SIGMAS
@@ -88,9 +88,9 @@ def test_a_poor_calibration_is_told_with_its_figures(
     solution, _ = solved(world(220, step_px=30), line(type(plans["short"][0]), shifts))
     found = calibration(solution)
     assert not found.sufficient
-    said = estimating.to_estimate(solution, 0).notes[0].text
-    assert advice in said
-    assert f"{found.lever_px[0]:.3g} px along x" in said
+    printed = estimating.to_estimate(solution, 0).notes[0].text
+    assert advice in printed
+    assert f"{found.lever_px[0]:.3g} px along x" in printed
     assert found.poor
     assert found.quality().refused == found.message()
 
@@ -107,16 +107,16 @@ def test_a_point_beyond_the_calibrated_area_gets_no_displacement(world: Callable
     solution, taken = solved(world(222, step_px=30), [*plans["short"], far])
     area = support(solution.state)
     assert area is not None
-    across = [one for one in taken[-1].maps if one.reference == 0]
+    across = [item for item in taken[-1].maps if item.reference == 0]
     for dmap in across:
         moved = mechanics.displacement(dmap, estimating.correction(solution, dmap))
         x, y = dmap.grid.mesh()
         np.testing.assert_array_equal(moved.valid, area.holds(x + dmap.u_px, y + dmap.v_px))
         assert 0.7 < moved.valid.mean() < 0.97
         assert not moved.u_px[~moved.valid].any()
-    near = [one for one in taken[-2].maps if one.reference == 0]
-    assert all(mechanics.displacement(one, estimating.correction(solution, one)).valid.all() for one in near)
-    said = [one.message for one in estimating.to_estimate(solution, 0).notes]
-    said = [one for one in said if one.startswith("WARNING: the specimen left the area")]
-    assert len(said) == 1
-    assert "2 frames" in said[0]
+    near = [item for item in taken[-2].maps if item.reference == 0]
+    assert all(mechanics.displacement(item, estimating.correction(solution, item)).valid.all() for item in near)
+    printed = [item.message for item in estimating.to_estimate(solution, 0).notes]
+    printed = [item for item in printed if item.startswith("WARNING: the specimen left the area")]
+    assert len(printed) == 1
+    assert "2 frames" in printed[0]

@@ -31,7 +31,7 @@ def experiments() -> list[Normalised]:
 
 @pytest.fixture(scope="module")
 def found(experiments: list[Normalised]) -> dict[str, Coverage]:
-    return {one.quantity: one for one in coverages(experiments)}
+    return {item.quantity: item for item in coverages(experiments)}
 
 
 @pytest.mark.parametrize("quantity", USUAL)
@@ -44,7 +44,7 @@ def test_as_many_errors_are_inside_as_in_the_long_run(found: dict[str, Coverage]
 @pytest.mark.parametrize("quantity", ["Young's modulus", "Poisson's ratio"])
 def test_elastic_constants_err_by_what_is_stated(experiments: list[Normalised], quantity: str) -> None:
     """The mean square of four normal numbers is between 0.016 and 5.0 but once in a thousand times."""
-    z = np.array([one[quantity][0] for one in experiments])
+    z = np.array([item[quantity][0] for item in experiments])
     assert 0.016 < np.mean(z**2) < 5.0
 
 
@@ -62,7 +62,7 @@ def test_a_coverage_counts_what_is_inside() -> None:
 
 def test_where_drift_wanders_errors_are_as_large_as_stated() -> None:
     """0.3 px rms with waves from four minutes on: believed to bend at random, drift and distortion erred by 1.2 of what was stated."""
-    found = {one.quantity: one for one in coverages([normalised(SMALL["wander"], seed) for seed in range(1, 1 + EXPERIMENTS)])}
+    found = {item.quantity: item for item in coverages([normalised(SMALL["wander"], seed) for seed in range(1, 1 + EXPERIMENTS)])}
     for quantity in ("drift within frames", "distortion", "displacement of points", "strain of a gauge"):
         assert 0.4 < found[quantity].rms < 1.15, quantity
         assert found[quantity].inside[1] > 0.9, quantity

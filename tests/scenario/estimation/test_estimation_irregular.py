@@ -28,19 +28,19 @@ class Outcome:
 def run(world: Any, taken: list[Any]) -> Outcome:
     """Estimate what was taken, and compare every frame that has a map from frame 0 with the truth."""
     state = estimating.init(EstimateSettings(), world.grid, 1024, 884)
-    for one in taken:
-        state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
+    for item in taken:
+        state = estimating.update(state, item.pair, item.step.phase, item.times, item.maps)
     solution = estimating.solve(state)
     found = estimating.to_estimate(solution, 0)
     error, sigma = [], []
-    for one in taken:
-        for dmap in (dmap for dmap in one.maps if dmap.reference == 0):
+    for item in taken:
+        for dmap in (dmap for dmap in item.maps if dmap.reference == 0):
             moved = mechanics.displacement(dmap, estimating.correction(solution, dmap))
             systematic = estimating.correction_strain_sigma(solution, dmap)
-            said = mechanics.summary(moved, mechanics.strain(moved, 5), found.noise_floor_px, systematic)
-            g = one.gradient
-            error.append([said.mean.exx - g[0, 0], said.mean.eyy - g[1, 1], said.mean.exy - 0.5 * (g[0, 1] + g[1, 0])])
-            sigma.append([said.mean_sigma.exx, said.mean_sigma.eyy, said.mean_sigma.exy])
+            printed = mechanics.summary(moved, mechanics.strain(moved, 5), found.noise_floor_px, systematic)
+            g = item.gradient
+            error.append([printed.mean.exx - g[0, 0], printed.mean.eyy - g[1, 1], printed.mean.exy - 0.5 * (g[0, 1] + g[1, 0])])
+            sigma.append([printed.mean_sigma.exx, printed.mean_sigma.eyy, printed.mean_sigma.exy])
     drift = []
     for frame in np.unique(found.drift.frame):
         inside = found.drift.frame == frame
@@ -52,7 +52,7 @@ def run(world: Any, taken: list[Any]) -> Outcome:
 
 def failing(dmap: DisparityMap, bad: np.ndarray, status: PoiStatus) -> DisparityMap:
     """The map where the correlation of some subsets failed; whoever reads their numbers finds nonsense."""
-    u, v = (np.where(bad, 1e3, one) for one in (dmap.u_px, dmap.v_px))
+    u, v = (np.where(bad, 1e3, item) for item in (dmap.u_px, dmap.v_px))
     return replace(dmap, u_px=u, v_px=v, status=np.where(bad, status, dmap.status).astype(np.uint8))
 
 
@@ -64,8 +64,8 @@ def honest(found: Outcome) -> None:
 
 @pytest.fixture(scope="module")
 def taken(world: Callable[..., Any], plans: dict[str, list[Any]]) -> tuple[Any, list[Any]]:
-    one = world(7)
-    return one, list(one.pairs(plans["short"]))
+    item = world(7)
+    return item, list(item.pairs(plans["short"]))
 
 
 def test_points_that_fail_here_and_there_and_a_corner_that_is_never_seen(taken: tuple[Any, list[Any]]) -> None:
@@ -75,12 +75,12 @@ def test_points_that_fail_here_and_there_and_a_corner_that_is_never_seen(taken: 
     corner[: world.grid.ny // 3, : world.grid.nx // 3] = True
     below = np.arange(world.grid.ny)[:, None] * np.ones(world.grid.nx) > world.grid.ny / 2
     broken = []
-    for one in pairs:
+    for item in pairs:
         maps = tuple(
-            failing(failing(dmap, rng.random(dmap.grid.shape) < 0.2, PoiStatus.LOW_ZNCC), corner, PoiStatus.MASKED) for dmap in one.maps
+            failing(failing(dmap, rng.random(dmap.grid.shape) < 0.2, PoiStatus.LOW_ZNCC), corner, PoiStatus.MASKED) for dmap in item.maps
         )
-        maps = (*maps[:-1], failing(maps[-1], below, PoiStatus.OUTSIDE_IMAGE)) if one.pair == 3 else maps
-        broken.append(replace(one, maps=maps))
+        maps = (*maps[:-1], failing(maps[-1], below, PoiStatus.OUTSIDE_IMAGE)) if item.pair == 3 else maps
+        broken.append(replace(item, maps=maps))
     found = run(world, broken)
     honest(found)
     assert np.abs(found.strain_error).max() <= 8e-5
@@ -90,17 +90,17 @@ def test_maps_that_are_missing_altogether(taken: tuple[Any, list[Any]]) -> None:
     """Pair 2 has no map within the pair, pair 4 none from frame 0 to its second frame, pair 6 none to its first."""
     world, pairs = taken
     left = {2: (1, 2), 4: (0, 1), 6: (0, 2)}
-    found = run(world, [replace(one, maps=tuple(one.maps[at] for at in left.get(one.pair, range(len(one.maps))))) for one in pairs])
+    found = run(world, [replace(item, maps=tuple(item.maps[at] for at in left.get(item.pair, range(len(item.maps))))) for item in pairs])
     honest(found)
     assert np.abs(found.strain_error).max() <= 6e-5
 
 
 def test_pairs_at_odd_times_with_a_long_break_between_calibration_and_load(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """Within each half pairs follow each other after 4 to 20 minutes; drift across the break is nobody's knowledge, and no harm."""
-    rng, one = np.random.default_rng(5), world(8)
+    rng, item = np.random.default_rng(5), world(8)
     gaps_s = rng.uniform(240.0, 1200.0, len(plans["short"]))
     gaps_s[0], gaps_s[5] = 0.0, BREAK_S
-    found = run(one, list(one.pairs(plans["short"], list(np.cumsum(gaps_s)))))
+    found = run(item, list(item.pairs(plans["short"], list(np.cumsum(gaps_s)))))
     honest(found)
     assert np.abs(found.strain_error).max() <= 6e-5
 
@@ -109,7 +109,7 @@ def test_calibration_again_between_and_after_load_steps(world: Callable[..., Any
     """Two calibrations, translations and two series of load steps in turn."""
     calibration, load = plans["short"][:5], plans["short"][5:]
     translation = [replace(plans["full"][13], phase=Phase.TRANSLATION)]
-    one = world(9)
-    found = run(one, list(one.pairs([*calibration[:3], *load[:3], *translation, *calibration[3:], load[3]])))
+    item = world(9)
+    found = run(item, list(item.pairs([*calibration[:3], *load[:3], *translation, *calibration[3:], load[3]])))
     honest(found)
     assert np.abs(found.strain_error).max() <= 6e-5

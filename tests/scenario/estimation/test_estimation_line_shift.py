@@ -45,9 +45,9 @@ def solved(one: Any, steps: list[Any]) -> tuple[Solution, float]:
 def test_shifts_of_rows_are_found_and_corrected(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """Taken for drift they made it rough, left three times the noise, and put 0.054 px into displacements."""
     solution, worst_px = solved(jittering(world(60), SHIFT_PX), plans["short"][:7])
-    (told,) = (one for one in solution.terms if one.name == "line_shift")
-    assert told.included
-    assert told.evidence > 100
+    (reported,) = (one for one in solution.terms if one.name == "line_shift")
+    assert reported.included
+    assert reported.evidence > 100
     assert solution.hyper.row_shift_px == pytest.approx(SHIFT_PX, rel=0.5)
     assert solution.hyper.noise_scale == pytest.approx(1.0, rel=0.15)
     assert worst_px < 0.025
@@ -70,7 +70,7 @@ def test_a_run_goes_on_with_shifts_of_rows(world: Callable[..., Any], plans: dic
 
 def test_where_rows_keep_still_none_is_shifted(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     solution, _ = solved(world(62), plans["short"][:6])
-    (told,) = (one for one in solution.terms if one.name == "line_shift")
-    assert not told.included
-    assert told.evidence < 2
+    (reported,) = (one for one in solution.terms if one.name == "line_shift")
+    assert not reported.included
+    assert reported.evidence < 2
     assert solution.state.row_shifts.size == 0

@@ -14,8 +14,8 @@ from semlive.data.settings import EstimateSettings
 from semlive.estimate.joint.observations.state import EstimatorState
 from semlive.model import DistortionSpline, UniformSpline
 from semlive.model.knots import towards_start
-from semlive_simulators.effects.flyback_settling import FlybackSettling
 from semlive_simulators.effects.interfaces import PixelVisits
+from semlive_simulators.effects.scan_deflection import FlybackSettling
 from semlive_simulators.microscope.scan import Scan
 from semlive_simulators.specimen.specimen import at_rest
 
@@ -32,9 +32,9 @@ def settling(world: Any, effect: FlybackSettling) -> Any:
         def distortion(self, at: Any) -> Any:
             x_px = at[..., 0].reshape(1, -1)
             nowhere = np.zeros_like(x_px)
-            seen = PixelVisits(x_px, nowhere, nowhere, 0.0, 0, 0, np.zeros((1, 1), dtype=bool), scan, rest, (nowhere, nowhere))
+            observed = PixelVisits(x_px, nowhere, nowhere, 0.0, 0, 0, np.zeros((1, 1), dtype=bool), scan, rest, (nowhere, nowhere))
             bend = super().distortion(at)
-            bend[..., 0] += effect.offset_px(seen)[0].reshape(at.shape[:-1])
+            bend[..., 0] += effect.offset_px(observed)[0].reshape(at.shape[:-1])
             return bend
 
     return Settling(world.seed, GRID, world.noise_px)

@@ -45,15 +45,15 @@ def decision(taken: Any) -> PairDecision:
 
 
 def followed(taken: list[Any], method: str = "joint") -> tuple[pipeline.AnalysisState, list[PairResult]]:
-    begun, said = None, []
-    for one in taken:
-        named = decision(one)
-        begun = begun or pipeline.start_from_maps(settings(method), named.first, one.maps[0].grid)
-        begun, result = pipeline.add_pair(begun, named, one.maps)
-        begun, anew = pipeline.review_hyperparameters(begun)
-        said += [result, anew] if anew else [result]
-    assert begun is not None
-    return begun, said
+    started, printed = None, []
+    for item in taken:
+        named = decision(item)
+        started = started or pipeline.start_from_maps(settings(method), named.first, item.maps[0].grid)
+        started, result = pipeline.add_pair(started, named, item.maps)
+        started, anew = pipeline.review_hyperparameters(started)
+        printed += [result, anew] if anew else [result]
+    assert started is not None
+    return started, printed
 
 
 @pytest.fixture(scope="module")
@@ -64,34 +64,34 @@ def early_load(world: Callable[..., Any], plans: dict[str, list[Any]]) -> list[A
 
 
 def test_frames_that_moved_by_more_than_their_sigma_are_revised(early_load: list[Any]) -> None:
-    begun, said = followed(early_load)
-    told: dict[int, Any] = {}
+    started, printed = followed(early_load)
+    reported: dict[int, Any] = {}
     revisions = 0
-    for result in said:
-        own = {one.summary.frame for one in result.frames}
-        assert not own & {one.summary.frame for one in result.revised_frames}
-        for one in result.revised_frames:
-            before, now = told[one.summary.frame], one.summary
+    for result in printed:
+        own = {item.summary.frame for item in result.frames}
+        assert not own & {item.summary.frame for item in result.revised_frames}
+        for item in result.revised_frames:
+            before, now = reported[item.summary.frame], item.summary
             moved = max(abs(getattr(now.mean, name) - getattr(before.mean, name)) / getattr(before.mean_sigma, name) for name in COMPONENTS)
             assert moved > 0.9  # found from a part of the points
             revisions += 1
-        told |= {one.summary.frame: one.summary for one in (*result.frames, *result.revised_frames)}
+        reported |= {item.summary.frame: item.summary for item in (*result.frames, *result.revised_frames)}
     assert revisions
     # The others stand where they are known to: nothing that was said last is further from the end than it says.
-    last = pipeline.finalise(begun)
-    for one in last.frames:
-        before = told[one.summary.frame]
+    last = pipeline.finalise(started)
+    for item in last.frames:
+        before = reported[item.summary.frame]
         assert all(
-            abs(getattr(one.summary.mean, name) - getattr(before.mean, name)) <= 1.1 * getattr(before.mean_sigma, name)
+            abs(getattr(item.summary.mean, name) - getattr(before.mean, name)) <= 1.1 * getattr(before.mean_sigma, name)
             for name in COMPONENTS
         )
 
 
 def test_live_constants_are_those_of_the_end(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     taken = list(world(232, step_px=60).pairs(plans["short"][:8]))
-    begun, said = followed(taken)
-    end = pipeline.finalise(begun).elastic
-    live = said[-1].elastic
+    started, printed = followed(taken)
+    end = pipeline.finalise(started).elastic
+    live = printed[-1].elastic
     assert live is not None
     assert end is not None
     assert live.youngs_modulus_gpa.value == pytest.approx(end.youngs_modulus_gpa.value, abs=0.1 * end.youngs_modulus_gpa.sigma)
@@ -99,26 +99,26 @@ def test_live_constants_are_those_of_the_end(world: Callable[..., Any], plans: d
 
 
 def test_the_published_procedure_is_followed_too(early_load: list[Any]) -> None:
-    begun, said = followed(early_load[:4], "sutton2007")
-    assert [one.summary for one in said[-2].frames] == [one.summary for one in pipeline.finalise(begun).frames[-2:]]
+    started, printed = followed(early_load[:4], "sutton2007")
+    assert [item.summary for item in printed[-2].frames] == [item.summary for item in pipeline.finalise(started).frames[-2:]]
 
 
-def test_a_long_run_says_at_once_what_all_its_pairs_say_of_the_newest(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+def test_a_long_run_reports_at_once_what_all_its_pairs_say_of_the_newest(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """35 pairs: between choices only the newest are smoothed, and they are what they would be had all been."""
     cross = plans["short"][:5]
     plan = [*cross, *(replace(cross[1 + n % 4], phase=Phase.CALIBRATION) for n in range(30))]
     taken = list(world(231, step_px=60).pairs(plan))
     state = estimating.init(settings().estimate, taken[0].maps[0].grid, 1024, 884)
     before = known = None
-    for one in taken:
-        state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
+    for item in taken:
+        state = estimating.update(state, item.pair, item.step.phase, item.times, item.maps)
         before, due = known, known is None or (selection_due(len(state.phases)) and len(state.phases) > 30)
         known = estimating.solve_live(state, known) if due or len(state.phases) > 32 else known
     assert before is not None
     assert known is not None
     whole = estimating.solve_incremental(state, before)
     lately, all_of_it = estimating.to_estimate(known, 35, newest_only=True), estimating.to_estimate(whole, 35)
-    assert [one.pair for one in lately.motions] == list(range(35 - LIVE_WINDOW_PAIRS, 35))
+    assert [item.pair for item in lately.motions] == list(range(35 - LIVE_WINDOW_PAIRS, 35))
     newest = len(lately.drift.time_s)
     np.testing.assert_allclose(lately.drift.drift_px, all_of_it.drift.drift_px[-newest:], atol=1e-9)
     np.testing.assert_allclose(lately.drift.sigma_px, all_of_it.drift.sigma_px[-newest:], rtol=1e-9)
@@ -126,8 +126,8 @@ def test_a_long_run_says_at_once_what_all_its_pairs_say_of_the_newest(world: Cal
     dmap = taken[-1].maps[-1]
     of_known, of_whole = estimating.correction(known, dmap), estimating.correction(whole, dmap)
     np.testing.assert_allclose(of_known.u_px, of_whole.u_px, atol=1e-9)
-    told = estimating.correction_strain(before, taken[-2].maps[-1])
+    reported = estimating.correction_strain(before, taken[-2].maps[-1])
     assert estimating.correction_strain(whole, dmap).sigma == pytest.approx(estimating.correction_strain(known, dmap).sigma)
-    moved = estimating.strain_change(whole, told)
+    moved = estimating.strain_change(whole, reported)
     now = estimating.correction_strain(whole, taken[-2].maps[-1])
-    np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], told.value - now.value, atol=1e-12)
+    np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], reported.value - now.value, atol=1e-12)

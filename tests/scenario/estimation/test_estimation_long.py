@@ -31,17 +31,17 @@ Spoil = Callable[[MapObservations, np.ndarray], np.ndarray]
 def long_run(world: Callable[..., Any], plans: dict[str, list[Any]]) -> estimating.Solution:
     rng, still = np.random.default_rng(1), plans["short"][0]
     plan = [*plans["short"][:5], *(replace(still, shift_px=tuple(rng.uniform(-28, 28, 2))) for _ in range(COUNT - 5))]
-    seen = world(240, step_px=40)
-    state = estimating.init(EstimateSettings(), seen.grid, 1024, 884)
-    for one in seen.pairs(plan):
-        state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
+    observed = world(240, step_px=40)
+    state = estimating.init(EstimateSettings(), observed.grid, 1024, 884)
+    for item in observed.pairs(plan):
+        state = estimating.update(state, item.pair, item.step.phase, item.times, item.maps)
     return estimating.solve(state)
 
 
 def spoilt(solution: estimating.Solution, spoil: Spoil) -> estimating.Solution:
     """As if maps had shown something else: (blocks, 2) px more at the blocks' addresses (blocks, 2)."""
     centre = solution.state.centre_px
-    rows = tuple(replace(one, disparity_px=one.disparity_px + spoil(one, one.position_px + centre)) for one in solution.state.rows)
+    rows = tuple(replace(item, disparity_px=item.disparity_px + spoil(item, item.position_px + centre)) for item in solution.state.rows)
     return replace(solution, state=replace(solution.state, rows=rows))
 
 
@@ -108,4 +108,4 @@ def test_pairs_that_are_compared_come_in_couples_from_the_stretch_since_the_last
     assert [previous_selection(n) for n in (2, 33, 48, 49, 64, 1000)] == [1, 32, 32, 48, 48, 768]
     pairs = sampled_pair_numbers(long_run.state, previous_selection(COUNT))
     assert pairs == tuple(range(COUNT - 32, COUNT))
-    assert all(two == one + 1 for one, two in zip(pairs[::2], pairs[1::2], strict=True))
+    assert all(two == item + 1 for item, two in zip(pairs[::2], pairs[1::2], strict=True))

@@ -34,17 +34,17 @@ def spoilt(dmap: DisparityMap, width: int) -> DisparityMap:
 def worst_px(world: Any, steps: list[Any], width: int | None) -> float:
     """Largest rms error of a frame's correction at the places where the true maps have the points, its mean removed."""
     state, taken = estimating.init(EstimateSettings(), world.grid, WIDTH_PX, HEIGHT_PX), list(world.pairs(steps))
-    for one in taken:
-        maps = one.maps if width is None else tuple(spoilt(dmap, width) for dmap in one.maps)
-        state = estimating.update(state, one.pair, one.step.phase, one.times, maps)
+    for item in taken:
+        maps = item.maps if width is None else tuple(spoilt(dmap, width) for dmap in item.maps)
+        state = estimating.update(state, item.pair, item.step.phase, item.times, maps)
     solution = estimating.solve(state)
-    return max(one.worst_px(partial(estimating.correction, solution)) for one in taken[1:])
+    return max(item.worst_px(partial(estimating.correction, solution)) for item in taken[1:])
 
 
 @pytest.mark.parametrize("width", [1, 4])
 def test_one_point_in_a_hundred_off_by_a_pixel_costs_little(world: Callable[..., Any], plans: dict[str, list[Any]], width: int) -> None:
     """The bar of a sound run; squares fill a block of a subset's size in part or whole, and no neighbour gives them away there."""
-    steps = [one for one in plans["short"] if one.strain == 0.0][:5]
-    sound, found = (worst_px(world(3), steps, one) for one in (None, width))
+    steps = [item for item in plans["short"] if item.strain == 0.0][:5]
+    sound, found = (worst_px(world(3), steps, item) for item in (None, width))
     assert found < 0.006
     assert found < 1.3 * sound

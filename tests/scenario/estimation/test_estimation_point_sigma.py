@@ -32,18 +32,20 @@ def test_a_correction_errs_at_points_by_what_is_stated(case: str) -> None:
     for seed in (1, 2, 3):
         experiment = make_experiment(SMALL[case], seed, GRID, CALIBRATION_PAIRS)
         solution = solved(experiment)
-        for seen in (seen for taken in experiment.pairs for seen in taken.seen):
+        for observed in (observed for taken in experiment.pairs for observed in taken.seen):
             noisy = next(
-                one for one in experiment.pairs[seen.exact.current // 2].maps if (0, seen.exact.current) == (one.reference, one.current)
+                item
+                for item in experiment.pairs[observed.exact.current // 2].maps
+                if (0, observed.exact.current) == (item.reference, item.current)
             )
-            sigma = np.stack(estimate.correction_sigma(solution, noisy), axis=-1)
-            moved = mechanics.displacement(seen.exact, estimate.correction(solution, seen.exact))
-            error = (np.stack((moved.u_px, moved.v_px), axis=-1) - seen.displacement_px)[moved.valid]
+            sigma = np.stack(next(estimate.correction_sigmas(solution, (noisy,))), axis=-1)
+            moved = mechanics.displacement(observed.exact, estimate.correction(solution, observed.exact))
+            error = (np.stack((moved.u_px, moved.v_px), axis=-1) - observed.displacement_px)[moved.valid]
             z.append((error - error.mean(axis=0)) / sigma[moved.valid])
     assert 0.6 < np.sqrt(np.mean(np.concatenate(z) ** 2)) < 1.15
 
 
-def test_it_is_said_of_maps_from_frame_0_alone() -> None:
+def test_it_is_reported_of_maps_from_frame_0_alone() -> None:
     experiment = make_experiment(SMALL["white"], 1, GRID, 3)
     with pytest.raises(ValueError, match="from frame 0, not from frame 2"):
-        estimate.correction_sigma(solved(experiment), experiment.pairs[1].maps[0])
+        next(estimate.correction_sigmas(solved(experiment), experiment.pairs[1].maps[:1]))

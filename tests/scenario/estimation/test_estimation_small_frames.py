@@ -68,9 +68,9 @@ class SmallBench:
             maps, bend = self.seen(at, current)
             at = np.linalg.solve(maps[:, :, :2], (material - maps[:, :, 2])[..., None])[..., 0] + bend
         moved = at - self.here + self.noise.at(current, at) - self.noise.at(reference, self.here)
-        u, v = (np.ascontiguousarray(one.reshape(GRID.shape)) for one in moved.T)
-        sigma, one = np.full(GRID.shape, NOISE_PX), np.ones(GRID.shape)
-        return DisparityMap(reference, current, GRID, u, v, sigma, sigma, one, np.zeros(GRID.shape, np.uint8))
+        u, v = (np.ascontiguousarray(item.reshape(GRID.shape)) for item in moved.T)
+        sigma, item = np.full(GRID.shape, NOISE_PX), np.ones(GRID.shape)
+        return DisparityMap(reference, current, GRID, u, v, sigma, sigma, item, np.zeros(GRID.shape, np.uint8))
 
     def pairs(self) -> Iterator[tuple[int, Phase, tuple[FrameTime, FrameTime], tuple[DisparityMap, ...]]]:
         known = [Sourced(value, Provenance.CONFIG) for value in (DWELL_S, ROW_S, FRAME_S)]
@@ -79,7 +79,7 @@ class SmallBench:
             first, second = 2 * pair, 2 * pair + 1
             compared = [(first, second), *((0, frame) for frame in (first, second) if pair)]
             times = FrameTime(first, self.start_s(first), timing), FrameTime(second, self.start_s(second), timing)
-            yield pair, Phase.CALIBRATION if pair < 3 else Phase.TENSION, times, tuple(self.map(*one) for one in compared)
+            yield pair, Phase.CALIBRATION if pair < 3 else Phase.TENSION, times, tuple(self.map(*item) for item in compared)
 
 
 @pytest.fixture(scope="module")
@@ -95,25 +95,25 @@ def solutions() -> list[Solution]:
 
 def test_a_drift_that_is_smooth_is_not_made_rough_in_place_of_the_distortion(solutions: list[Solution]) -> None:
     """The true second difference from knot to knot is 1e-5 px; in place of the distortion it was 0.056 px along y."""
-    for one in solutions:
-        assert max(part.size_px for part in one.hyper.drift) < 0.005
+    for item in solutions:
+        assert max(part.size_px for part in item.hyper.drift) < 0.005
 
 
 def test_the_noise_is_judged_with_the_smoothness_that_was_chosen(solutions: list[Solution]) -> None:
     """With the smoothness that is believed without data the scale was 1.5."""
-    for one in solutions:
-        assert 0.8 < one.hyper.noise_scale < 1.3
-        assert one.noise_floor_px == pytest.approx(NOISE_PX, rel=0.3)
+    for item in solutions:
+        assert 0.8 < item.hyper.noise_scale < 1.3
+        assert item.noise_floor_px == pytest.approx(NOISE_PX, rel=0.3)
 
 
 def test_the_strain_of_a_load_step_is_known_as_well_as_the_noise_allows(solutions: list[Solution]) -> None:
     """8e-5 of 7e-4 with drift made rough in place of the distortion; what is left is what one 0.02 px of noise makes of two steps."""
-    for one in solutions:
-        joint = estimating.mean_strain_covariance(one, [6, 8])
+    for item in solutions:
+        joint = estimating.mean_strain_covariance(item, [6, 8])
         step = np.array([0.0, 0.0, -1.0, 1.0])
-        motions = estimating.to_estimate(one, 0).motions
-        said = motions[4].gradient[1, 1] - motions[3].gradient[1, 1]
+        motions = estimating.to_estimate(item, 0).motions
+        printed = motions[4].gradient[1, 1] - motions[3].gradient[1, 1]
         sigma = float(np.sqrt(step @ joint @ step))
-        assert estimating.mean_strain_covariance(one, [6, 8], step[None])[0, 0] == pytest.approx(sigma**2, rel=1e-9)
+        assert estimating.mean_strain_covariance(item, [6, 8], step[None])[0, 0] == pytest.approx(sigma**2, rel=1e-9)
         assert sigma < 4e-5
-        assert abs(said - STRAIN) < 4.0 * sigma
+        assert abs(printed - STRAIN) < 4.0 * sigma

@@ -51,7 +51,7 @@ def changed(world: Any, **more: Any) -> Any:
 
 def scan_timing(scans: int) -> ScanTiming:
     frame_s = 94.67 / scans
-    dwell, row, frame = (Sourced(one, Provenance.CONFIG) for one in (1e-4 / scans, frame_s / HEIGHT_PX, frame_s))
+    dwell, row, frame = (Sourced(item, Provenance.CONFIG) for item in (1e-4 / scans, frame_s / HEIGHT_PX, frame_s))
     return ScanTiming(dwell, row, frame, Sourced(scans, Provenance.CONFIG))
 
 
@@ -59,19 +59,19 @@ def solved(world: Any, steps: list[Any]) -> tuple[EstimateRevision, float]:
     """The estimate, and the largest rms error of a frame's correction, px, its best affine map removed."""
     state = estimating.init(EstimateSettings(), world.grid, WIDTH_PX, HEIGHT_PX)
     taken = list(world.pairs(steps))
-    for one in taken:
-        state = estimating.update(state, one.pair, one.step.phase, one.times, one.maps)
+    for item in taken:
+        state = estimating.update(state, item.pair, item.step.phase, item.times, item.maps)
     solution = estimating.solve(state)
-    return estimating.to_estimate(solution, 0), max(one.worst_px(partial(estimating.correction, solution)) for one in taken[1:])
+    return estimating.to_estimate(solution, 0), max(item.worst_px(partial(estimating.correction, solution)) for item in taken[1:])
 
 
 @pytest.fixture(scope="module")
 def steps(plans: dict[str, list[Any]]) -> list[Any]:
-    return [one for one in plans["short"] if one.strain == 0.0][:5]
+    return [item for item in plans["short"] if item.strain == 0.0][:5]
 
 
 def used(found: EstimateRevision) -> dict[str, bool]:
-    return {one.name: one.included for one in found.terms}
+    return {item.name: item.included for item in found.terms}
 
 
 def test_nothing_is_added_where_nothing_is_missing(world: Callable[..., Any], steps: list[Any]) -> None:
@@ -100,8 +100,8 @@ def test_drifting_magnification_is_found_and_corrected(world: Callable[..., Any]
 
 def test_rotation_of_the_raster_is_corrected_under_load_without_noise(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """It turns what the distortion leaves, 1e-4 px that the model does not have: made a rough drift, 0.05 px and more of displacement."""
-    loaded = [one for one in plans["short"] if one.strain][:3]
-    calibration = [one for one in plans["short"] if one.strain == 0.0][:5]
+    loaded = [item for item in plans["short"] if item.strain][:3]
+    calibration = [item for item in plans["short"] if item.strain == 0.0][:5]
     found, worst = solved(changed(world(7, noise_px=0.0), turn=1e-7), [*calibration, *loaded])
     assert used(found)["raster_rotation"], found.terms
     assert not used(found)["coupling"]
@@ -124,9 +124,9 @@ def test_carried_distortion_is_found_without_noise(world: Callable[..., Any], st
 @pytest.mark.parametrize("carried", [False, True])
 def test_a_long_run_judges_the_coupling_again(world: Callable[..., Any], steps: list[Any], carried: bool) -> None:
     """Along a chain of pairs, whatever was chosen before: right or wrong, it ends with what the data have."""
-    one = changed(world(5, noise_px=0.005), carried=carried)
-    state = estimating.init(EstimateSettings(), one.grid, WIDTH_PX, HEIGHT_PX)
-    for taken in one.pairs(steps):
+    item = changed(world(5, noise_px=0.005), carried=carried)
+    state = estimating.init(EstimateSettings(), item.grid, WIDTH_PX, HEIGHT_PX)
+    for taken in item.pairs(steps):
         state = estimating.update(state, taken.pair, taken.step.phase, taken.times, taken.maps)
     right = estimating.solve(state)
     assert right.state.distortion.carried == carried

@@ -59,9 +59,9 @@ def test_what_is_compared_are_the_papers_points() -> None:
     wide = Grid(36, 31, 5, 191, 165, 43)
     x, y = wide.mesh()
     sigma = np.ones(wide.shape)
-    seen = DisparityMap(0, 3, wide, x, y, sigma, sigma, sigma, np.full(wide.shape, PoiStatus.CONVERGED, np.uint8))
+    observed = DisparityMap(0, 3, wide, x, y, sigma, sigma, sigma, np.full(wide.shape, PoiStatus.CONVERGED, np.uint8))
 
-    part = on_papers_points(seen)
+    part = on_papers_points(observed)
     assert (part.grid, part.reference, part.current) == (PAPER_POINTS, 0, 3)
     np.testing.assert_array_equal((part.u_px, part.v_px), PAPER_POINTS.mesh())
     assert part.status.shape == part.grid.shape
@@ -85,7 +85,7 @@ def test_a_section_is_replaced_and_nothing_else() -> None:
         write_between(text, "three", "new")
 
 
-def test_a_missed_bar_says_so() -> None:
+def test_a_missed_bar_reports_so() -> None:
     assert Row("a", "b", "c", "≤ 1", held=False).markdown() == "| a | b | c | ≤ 1 **missed** | – |"
     assert Row("a", "b", "c").markdown() == "| a | b | c | – | – |"
 

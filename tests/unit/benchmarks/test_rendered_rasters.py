@@ -33,12 +33,12 @@ def true_map(s: Scene, sigma_px: float = 0.02) -> DisparityMap:
 @pytest.mark.parametrize("disturbance", ["none", "row jumps"])
 def test_the_second_frame_shows_the_first_at_the_true_positions(disturbance: str) -> None:
     s = render("speckle", DISTURBANCES[disturbance], disturbance, 7)
-    seen = inside(s) & ~near_step(s)
-    assert seen.mean() > 0.3
-    difference = (at_second(s, s.clean_second, 0.0) - s.clean_first)[seen]
+    observed = inside(s) & ~near_step(s)
+    assert observed.mean() > 0.3
+    difference = (at_second(s, s.clean_second, 0.0) - s.clean_first)[observed]
     slope = np.std(np.gradient(s.clean_first, axis=1))
     assert np.std(difference) < 0.01 * slope  # true within a hundredth of a pixel, interpolation of the frame included
-    assert np.std((s.clean_second - s.clean_first)[seen]) > slope  # and they moved
+    assert np.std((s.clean_second - s.clean_first)[observed]) > slope  # and they moved
 
 
 def test_row_shifts_have_their_size_and_no_slow_part() -> None:

@@ -73,11 +73,11 @@ def entries(tmp_path: Path) -> list:
 def test_whole_lines_of_the_log_are_read(entries: list) -> None:
     assert len(entries) == 10
     assert stop_requests(entries, 13.0, 20.0) == [14.0, 16.0]
-    assert [one.at_s for one in motion_orders(entries, 13.0)] == [17.0, 18.0]
+    assert [item.at_s for item in motion_orders(entries, 13.0)] == [17.0, 18.0]
 
 
 def test_orders_below_the_true_load_are_unloading(entries: list) -> None:
-    assert [(one.from_n, one.to_n) for one in unloadings(entries, 20_000.0, 3.0)] == [(150.0, 100.0), (150.0, 130.0)]
+    assert [(item.from_n, item.to_n) for item in unloadings(entries, 20_000.0, 3.0)] == [(150.0, 100.0), (150.0, 130.0)]
     assert len(unloadings(entries, 20_000.0, 30.0)) == 1
     assert unloadings(without_foreign(entries, [(16.5, 1)]), 20_000.0, 30.0) == []
 
@@ -129,7 +129,7 @@ def test_what_is_as_it_must_be_passes() -> None:
 )
 def test_each_deviation_fails(change: dict, failing: str) -> None:
     verdict = judge(TRIAL, replace(SEEN, **change))
-    assert any(failing in one for one in verdict.failings), verdict.failings
+    assert any(failing in item for item in verdict.failings), verdict.failings
     assert line(verdict).startswith("FAIL freeze")
 
 

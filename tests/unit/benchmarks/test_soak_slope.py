@@ -14,10 +14,10 @@ TIMES_S, PAIRS_PER_S = np.arange(2000.0), 0.5
 
 
 def noise(seed: int, memory_s: float = 1.0) -> np.ndarray:
-    rng, kept = np.random.default_rng(seed), np.exp(-1.0 / memory_s)
+    rng, stored = np.random.default_rng(seed), np.exp(-1.0 / memory_s)
     fresh, found = rng.normal(0.0, 0.5, len(TIMES_S)), np.zeros(len(TIMES_S))
     for at in range(1, len(found)):
-        found[at] = kept * found[at - 1] + np.sqrt(1.0 - kept**2) * fresh[at]
+        found[at] = stored * found[at - 1] + np.sqrt(1.0 - stored**2) * fresh[at]
     return 100.0 + found
 
 
@@ -26,10 +26,10 @@ def growth(mb_per_1000_pairs: float) -> np.ndarray:
 
 
 def test_flat_memory_is_seldom_told_to_grow_and_its_error_is_right() -> None:
-    told = [slope(TIMES_S, noise(seed), PAIRS_PER_S) for seed in range(150)]
-    assert sum(map(grows, told)) < 15
-    scatter = np.std([one["mb_per_1000_pairs"] for one in told])
-    assert 0.8 < np.mean([one["standard_error"] for one in told]) / scatter < 1.3
+    reported = [slope(TIMES_S, noise(seed), PAIRS_PER_S) for seed in range(150)]
+    assert sum(map(grows, reported)) < 15
+    scatter = np.std([item["mb_per_1000_pairs"] for item in reported])
+    assert 0.8 < np.mean([item["standard_error"] for item in reported]) / scatter < 1.3
 
 
 def test_growth_is_told_also_in_steps_and_where_noise_hides_it() -> None:

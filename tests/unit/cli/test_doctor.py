@@ -43,7 +43,7 @@ def config(folder: Path, **changes: Any) -> Path:
 
 def told(path: Path) -> tuple[dict[str, dict[str, str]], Any]:
     done = CliRunner().invoke(app, ["doctor", str(path), "--json"])
-    return {one["what"]: one for one in json.loads(done.stdout)["findings"]}, done
+    return {item["what"]: item for item in json.loads(done.stdout)["findings"]}, done
 
 
 def test_all_is_well_and_nothing_is_left_behind(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_all_is_well_and_nothing_is_left_behind(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["export", "run.yaml"]
 
 
-def test_what_is_wrong_is_said_with_what_to_do(tmp_path: Path) -> None:
+def test_what_is_wrong_is_reported_with_what_to_do(tmp_path: Path) -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
@@ -65,9 +65,9 @@ def test_what_is_wrong_is_said_with_what_to_do(tmp_path: Path) -> None:
         path = config(tmp_path, load_frame={"driver": "assembled", "settings": parts}, stage={"driver": "teleport"})
         (tmp_path / "export").rmdir()
         _, done = told(path)
-    bad = [one for one in json.loads(done.stdout)["findings"] if one["verdict"] == "bad"]
+    bad = [item for item in json.loads(done.stdout)["findings"] if item["verdict"] == "bad"]
     assert len(bad) == 4, bad
-    assert all(one["advice"] for one in bad)
+    assert all(item["advice"] for item in bad)
     assert isinstance(done.exception, SemliveError)
     assert "4 of" in str(done.exception)
 
@@ -86,8 +86,8 @@ def test_a_share_is_known_by_its_mount(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_bad(tmp_path: Path) -> None:
-    room, kept = computer.disk(tmp_path / "not" / "yet", 10**18)
-    assert (room.verdict, kept.verdict) == (Verdict.FAILED, Verdict.OK)
+    room, stored = computer.disk(tmp_path / "not" / "yet", 10**18)
+    assert (room.verdict, stored.verdict) == (Verdict.FAILED, Verdict.OK)
     assert "run.folder" in room.advice
 
 
@@ -96,7 +96,7 @@ def test_a_log_folder_that_cannot_be_written_is_bad(tmp_path: Path) -> None:
     assert computer.disk(tmp_path / "file", None)[1].verdict is Verdict.FAILED
 
 
-def test_kernels_are_kept_beside_the_package_where_that_may_be_written(tmp_path: Path) -> None:
+def test_kernels_are_kept_next_to_the_package_where_that_may_be_written(tmp_path: Path) -> None:
     environ: dict[str, str] = {}
     assert configure_jit_cache(environ, tmp_path) == tmp_path / "__pycache__"
     assert environ == {}
@@ -111,12 +111,12 @@ def test_a_read_only_installation_keeps_them_elsewhere(tmp_path: Path, variable:
     assert environ[VARIABLE] == str(chosen)
 
 
-def test_what_the_user_says_of_the_cache_holds(tmp_path: Path) -> None:
+def test_what_the_user_reports_of_the_cache_holds(tmp_path: Path) -> None:
     environ = {VARIABLE: str(tmp_path / "mine")}
     assert configure_jit_cache(environ, tmp_path) == tmp_path / "mine"
 
 
-def test_without_any_folder_they_are_kept_until_the_computer_starts_anew(tmp_path: Path) -> None:
+def test_without_any_folder_they_are_kept_until_the_computer_starts_again(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     environ = {"HOME": str(tmp_path / "file")}
     chosen = configure_jit_cache(environ, tmp_path / "file")
@@ -132,7 +132,7 @@ def test_a_test_frame_is_judged_without_a_configuration(tmp_path: Path, contrast
     tifffile.imwrite(tmp_path / "frame.tif", image)
     done = CliRunner().invoke(app, ["doctor", "--test-frame", str(tmp_path / "frame.tif"), "--json"])
     printed = json.loads(done.stdout)
-    finding = next(one for one in printed["findings"] if one["what"] == "pattern")
+    finding = next(item for item in printed["findings"] if item["what"] == "pattern")
     assert finding["verdict"] == verdict
     assert finding["said"].startswith(f"method {method}, subset ")
     assert ("global method" in finding["advice"]) == (method == "global")

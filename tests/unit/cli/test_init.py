@@ -63,7 +63,7 @@ def test_drivers_understand_their_settings(lab: str) -> None:
 
 
 @pytest.mark.parametrize("lab", [*LAB_PRESETS.values(), LabSetup(frame="none", vendor="other"), LabSetup(stage="modbus", vendor="jeol")])
-def test_every_number_says_its_unit(lab: LabSetup) -> None:
+def test_every_number_reports_its_unit(lab: LabSetup) -> None:
     without = []
     for line in configuration_text(lab).splitlines():
         found = re.match(r"[ #]*(\w+): *([-\d.\[]+\d[^#:]*)(?:# (.*))?$", line)
@@ -72,7 +72,7 @@ def test_every_number_says_its_unit(lab: LabSetup) -> None:
     assert not without
 
 
-def test_answers_are_asked_for_and_taken(tmp_path: Path) -> None:
+def test_answers_are_requested_and_taken(tmp_path: Path) -> None:
     typed = "tried\n\ntescan\n0.5\nnone\nfoil\n\n"
     done = written(tmp_path, typed=typed)
     assert done.exit_code == 0, done.output
@@ -81,7 +81,7 @@ def test_answers_are_asked_for_and_taken(tmp_path: Path) -> None:
     assert (config.specimen.name, config.protocol.loads_n) == ("foil", [])
 
 
-def test_a_wrong_answer_is_asked_for_again_and_no_other_answer_is_lost(tmp_path: Path) -> None:
+def test_a_wrong_answer_is_requested_again_and_no_other_answer_is_lost(tmp_path: Path) -> None:
     typed = "two words\ntried\n\ncanon\ntescan\n-1\n0.5\nmagnet\nnone\nfoil\nz\ny\n"
     done = written(tmp_path, typed=typed)
     assert done.exit_code == 0, done.output

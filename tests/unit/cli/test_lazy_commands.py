@@ -23,9 +23,9 @@ def loaded() -> dict[str, TyperCommand]:
 
 
 @pytest.mark.parametrize("entry", COMMANDS, ids=lambda entry: entry.name)
-def test_the_list_says_what_the_command_says(entry: CommandEntry, loaded: dict[str, TyperCommand]) -> None:
-    said = inspect.cleandoc(loaded[entry.name].help or "").split("\n\n")[0].replace("\n", " ").strip()
-    assert entry.short == said
+def test_the_list_reports_what_the_command_reports(entry: CommandEntry, loaded: dict[str, TyperCommand]) -> None:
+    printed = inspect.cleandoc(loaded[entry.name].help or "").split("\n\n")[0].replace("\n", " ").strip()
+    assert entry.short == printed
     assert loaded[entry.name].name == entry.name
 
 
@@ -38,8 +38,8 @@ def test_nothing_heavy_is_imported_to_list_commands(arguments: list[str]) -> Non
 
 
 def test_help_names_every_command_and_a_typo_is_put_right() -> None:
-    said = CliRunner().invoke(app, ["--help"]).output
-    assert not [entry.name for entry in COMMANDS if f" {entry.name} " not in said]
+    printed = CliRunner().invoke(app, ["--help"]).output
+    assert not [entry.name for entry in COMMANDS if f" {entry.name} " not in printed]
     wrong = CliRunner().invoke(app, ["reprot"])
     assert wrong.exit_code == 2
     assert "'report'" in wrong.output

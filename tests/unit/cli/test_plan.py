@@ -55,7 +55,7 @@ def test_time_is_that_of_the_simulated_experiment() -> None:
 def test_triggered_frames_cost_their_export_and_no_other_scan() -> None:
     plan = dataclasses.replace(parse_config(config(), "here").plan(), triggered=True)
     times = schedule(plan, TimingAssumptions(10.0, export_s=2.0))
-    assert {round(one.imaging_s, 9) for one in times.steps} == {24.0}
+    assert {round(item.imaging_s, 9) for item in times.steps} == {24.0}
     assert times.scans == times.pair_frames
 
 
@@ -79,11 +79,11 @@ def test_strain_noise_is_that_of_draws(window: int) -> None:
         field = Displacement(1, grid, u, v, np.full(grid.shape, 0.01), np.full(grid.shape, 0.01), valid)
         inner = strain(field, window)
         half = window // 2
-        drawn.append([one[half:-half:4, half:-half:4].ravel() for one in (inner.exx, inner.eyy, inner.exy)])
+        drawn.append([item[half:-half:4, half:-half:4].ravel() for item in (inner.exx, inner.eyy, inner.exy)])
         gradient, _ = mean_gradient(field)
         means.append((gradient[0, 0], gradient[1, 1], 0.5 * (gradient[0, 1] + gradient[1, 0])))
-    said = expected_sigma(grid, window, (0.01, 0.01), StrainSettings())
-    assert np.std(np.concatenate(drawn, axis=1), axis=1) == pytest.approx([said.exx, said.eyy, said.exy], rel=0.05)
+    printed = expected_sigma(grid, window, (0.01, 0.01), StrainSettings())
+    assert np.std(np.concatenate(drawn, axis=1), axis=1) == pytest.approx([printed.exx, printed.eyy, printed.exy], rel=0.05)
     whole = expected_mean_sigma(grid, (0.01, 0.01))
     assert np.std(means, axis=0) == pytest.approx([whole.exx, whole.eyy, whole.exy], rel=0.3)
 
@@ -100,7 +100,7 @@ def test_a_typical_distortion_feigns_what_the_paper_shows() -> None:
     assert worst == pytest.approx({"exx": 2.5e-4, "exy": 7.6e-4, "eyy": 10e-4}, rel=0.25)
 
 
-def test_a_test_frame_foretells_noise(tmp_path: Path) -> None:
+def test_a_test_frame_predicts_noise(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     speckle = ndimage.gaussian_filter(rng.standard_normal((400, 400)), 2.5)
     clean = 128 + 45 * speckle / speckle.std()
@@ -111,19 +111,19 @@ def test_a_test_frame_foretells_noise(tmp_path: Path) -> None:
     for noise in (4.0, 8.0):
         image = np.clip(clean + noise * rng.standard_normal(clean.shape), 0, 255).astype(np.uint8)
         tifffile.imwrite(tmp_path / "test.tif", image, datetime=True)
-        said = told(tmp_path, given, "--test-frame", str(tmp_path / "test.tif"), "--current-na", "2")
-        sigma.append(np.mean(said["displacement_sigma_px"]))
-        gauge = next(one for one in said["strain_sigma"] if one["window_points"] == 9)
+        printed = told(tmp_path, given, "--test-frame", str(tmp_path / "test.tif"), "--current-na", "2")
+        sigma.append(np.mean(printed["displacement_sigma_px"]))
+        gauge = next(item for item in printed["strain_sigma"] if item["window_points"] == 9)
         assert gauge["vsg_px"] == 123
-        assert said["dose_c_m2"] == pytest.approx(said["scans"] * 2e-4 * 2e-9 / 1e-12)
-        best = said["recommended"]
+        assert printed["dose_c_m2"] == pytest.approx(printed["scans"] * 2e-4 * 2e-9 / 1e-12)
+        best = printed["recommended"]
         assert (best["method"], best["subset_px"], best["step_px"]) == ("subset", *{4.0: (31, 3), 8.0: (43, 5)}[noise])
         assert max(best["displacement_sigma_px"]) <= {4.0: 0.02, 8.0: 0.05}[noise]
         assert best["strain_sigma"]["vsg_px"] == pytest.approx(123, abs=6)
     assert sigma[1] == pytest.approx(2 * sigma[0], rel=0.1)
 
 
-def test_what_is_unwise_is_said_with_what_to_set(tmp_path: Path) -> None:
+def test_what_is_unwise_is_reported_with_what_to_set(tmp_path: Path) -> None:
     given = config(calibration_shifts_px=[[0, 0], [120, 0]], translation_shifts_px=[], hold_s=1, frame_timeout_s=100)
     advice = "\n".join(told(tmp_path, given)["advice"])
     for part in (
@@ -149,22 +149,22 @@ def test_a_test_frame_that_contradicts_the_configuration_is_told_first(tmp_path:
     given = config()
     given["sem"] |= {"vendor": "fei", "profile": {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 2.5e-6}}
     tifffile.imwrite(tmp_path / "flat.tif", np.tile(np.arange(100, 108, dtype=np.uint8), (884, 128)), datetime=True)
-    said = told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))
-    vendor, pixel, *_ = said["advice"]
+    printed = told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))
+    vendor, pixel, *_ = printed["advice"]
     assert "sem.vendor is fei, but the test frame is from plain" in vendor
     assert "2.5 um: shifts would be 0.5 times" in pixel
 
 
-def test_a_frame_without_a_pattern_foretells_no_noise(tmp_path: Path) -> None:
+def test_a_frame_without_a_pattern_predicts_no_noise(tmp_path: Path) -> None:
     given = config()
     given["sem"]["profile"] = {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 1.25e-6}
     flat = np.full((884, 1024), 90, dtype=np.uint8)
     flat[:, 5] = 91
     tifffile.imwrite(tmp_path / "flat.tif", flat, datetime=True)
-    said = told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))
-    assert said["displacement_sigma_px"] is None
-    assert said["strain_sigma"] == []
-    assert "too little contrast" in "\n".join(said["advice"])
+    printed = told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))
+    assert printed["displacement_sigma_px"] is None
+    assert printed["strain_sigma"] == []
+    assert "too little contrast" in "\n".join(printed["advice"])
 
 
 @pytest.mark.parametrize(("roi_px", "left_out"), [([101, 101, 846, 696], 46), ([36, 31, 986, 851], None), (None, None)])

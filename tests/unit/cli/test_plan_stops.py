@@ -41,12 +41,12 @@ def run(command: str, folder: Path, what: dict[str, Any], *arguments: str) -> st
 HASTY = {"protocol": {"ramp_rate_n_s": 400.0}, "limits": {"force_rate_max_n_s": 400.0}, "load_frame": {"poll_s": 0.4}}
 
 
-def test_the_table_shows_every_fault_and_the_json_says_the_same(tmp_path: Path) -> None:
-    told = json.loads(run("plan", tmp_path, given(), "--json"))["stop_distances"]
-    assert (told["start_n"], told["target_n"], told["ramp_rate_n_s"], told["force_limit_n"]) == (1640, 2000, 20, 2200)
-    assert not any(row["exceeds_limit"] for row in told["rows"])
+def test_the_table_shows_every_fault_and_the_json_reports_the_same(tmp_path: Path) -> None:
+    reported = json.loads(run("plan", tmp_path, given(), "--json"))["stop_distances"]
+    assert (reported["start_n"], reported["target_n"], reported["ramp_rate_n_s"], reported["force_limit_n"]) == (1640, 2000, 20, 2200)
+    assert not any(row["exceeds_limit"] for row in reported["rows"])
     page = " ".join(run("plan", tmp_path, given()).split())
-    for row in told["rows"]:
+    for row in reported["rows"]:
         assert row["code"] in page
         assert row["worst_n"] is None or f"{row['worst_n']:.0f} N" in page
     assert "not bounded" in page
@@ -54,32 +54,32 @@ def test_the_table_shows_every_fault_and_the_json_says_the_same(tmp_path: Path) 
 
 
 def test_noise_of_the_cell_lets_the_load_go_farther(tmp_path: Path) -> None:
-    quiet, noisy = (
+    silent, noisy = (
         json.loads(run("plan", tmp_path, given(), "--json", *more))["stop_distances"] for more in ((), ("--force-noise-n", "5"))
     )
     assert noisy["noticeable_n"] == pytest.approx(50.0)
-    first = {row["code"]: row["worst_n"] for row in quiet["rows"]}
+    first = {row["code"]: row["worst_n"] for row in silent["rows"]}
     assert all(row["worst_n"] is None or row["worst_n"] >= first[row["code"]] - 1e-9 for row in noisy["rows"])
-    assert max(row["worst_n"] or 0 for row in noisy["rows"]) > max(row["worst_n"] or 0 for row in quiet["rows"])
+    assert max(row["worst_n"] or 0 for row in noisy["rows"]) > max(row["worst_n"] or 0 for row in silent["rows"])
 
 
 def test_a_load_far_beyond_its_limit_is_warned_of(tmp_path: Path) -> None:
-    told = json.loads(run("plan", tmp_path, given(**HASTY), "--json"))
-    far = [row for row in told["stop_distances"]["rows"] if row["exceeds_limit"]]
+    reported = json.loads(run("plan", tmp_path, given(**HASTY), "--json"))
+    far = [row for row in reported["stop_distances"]["rows"] if row["exceeds_limit"]]
     assert far
-    (warning,) = [one for one in told["advice"] if "beyond the force limit" in one]
+    (warning,) = [item for item in reported["advice"] if "beyond the force limit" in item]
     assert f"{max(row['worst_n'] for row in far):.0f} N" in warning
     for key in ("protocol.ramp_rate_n_s", "load_frame.poll_s", "limits.force_max_n", "--force-resolution-n"):
         assert key in warning
     findings = json.loads(run("doctor", tmp_path, given(**HASTY), "--json"))["findings"]
-    (stops,) = [one for one in findings if one["what"] == "stops"]
+    (stops,) = [item for item in findings if item["what"] == "stops"]
     assert stops["verdict"] == "open"
     assert stops["advice"] == warning
 
 
 def test_doctor_names_the_worst_case(tmp_path: Path) -> None:
     stated = given(limits={"stiffness_min_n_mm": 5000.0})
-    (stops,) = [one for one in json.loads(run("doctor", tmp_path, stated, "--json"))["findings"] if one["what"] == "stops"]
+    (stops,) = [item for item in json.loads(run("doctor", tmp_path, stated, "--json"))["findings"] if item["what"] == "stops"]
     assert stops["verdict"] == "good"
     worst = stops_of(limits={"stiffness_min_n_mm": 5000.0}).worst
     assert worst is not None
@@ -89,12 +89,12 @@ def test_doctor_names_the_worst_case(tmp_path: Path) -> None:
 
 def test_plan_and_doctor_show_that_a_cell_that_reads_too_little_is_not_bounded_and_what_to_state(tmp_path: Path) -> None:
     (advice,) = json.loads(run("plan", tmp_path, given(), "--json"))["advice"][:1]
-    (stops,) = [one for one in json.loads(run("doctor", tmp_path, given(), "--json"))["findings"] if one["what"] == "stops"]
+    (stops,) = [item for item in json.loads(run("doctor", tmp_path, given(), "--json"))["findings"] if item["what"] == "stops"]
     assert (stops["verdict"], stops["advice"]) == ("open", advice)
     for words in ("reads only a part of the load", "does not bound", "limits.stiffness_min_n_mm", "extension_max_mm"):
         assert words in advice
     stated = json.loads(run("plan", tmp_path, given(limits={"stiffness_min_n_mm": 5000.0}), "--json"))
-    assert not any("limits.stiffness_min_n_mm" in one for one in stated["advice"])
+    assert not any("limits.stiffness_min_n_mm" in item for item in stated["advice"])
 
 
 def test_nothing_is_shown_where_semlive_moves_nothing(tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_nothing_is_shown_where_semlive_moves_nothing(tmp_path: Path) -> None:
     assert list(stop_advice(None)) == []
 
 
-def test_what_the_configuration_says_of_device_and_link_is_used() -> None:
+def test_what_the_configuration_reports_of_device_and_link_is_used() -> None:
     modbus, serial = stops_of().case, stops_of(SERIAL).case
     assert (modbus.control.value, modbus.answer_s, modbus.watchdog_s, modbus.stiffness_n_mm) == ("load", 0.3, 2.0, None)
     assert (serial.control.value, serial.answer_s, serial.watchdog_s, serial.stiffness_n_mm) == ("displacement", 0.6, None, 150.0)

@@ -45,16 +45,16 @@ def shown(*snapshots: RunSnapshot, terminal: bool) -> str:
     """What a view of these snapshots writes."""
     console = Console(file=io.StringIO(), force_terminal=terminal, width=200, color_system="standard" if terminal else None)
     with ProgressView(console) as view:
-        for one in snapshots:
-            view.show(one)
+        for item in snapshots:
+            view.show(item)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_a_machine_that_does_not_obey_is_told_at_once_and_loudly(terminal: bool) -> None:
-    said = shown(snapshot(), snapshot(DISOBEYED), snapshot(DISOBEYED), terminal=terminal)
-    (line,) = [line for line in said.splitlines() if "own emergency stop" in line and "!!!" in line]
+    printed = shown(snapshot(), snapshot(DISOBEYED), snapshot(DISOBEYED), terminal=terminal)
+    (line,) = [line for line in printed.splitlines() if "own emergency stop" in line and "!!!" in line]
     assert "it moves on after 12 stops" in line
     assert ("\x1b[1;37;41m" in line) == terminal
 
@@ -70,10 +70,10 @@ def test_it_is_told_again_every_few_seconds_until_it_is_acknowledged() -> None:
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_names_from_outside_reach_no_terminal_raw(terminal: bool) -> None:
-    said = shown(snapshot(warnings=(f"{NAME} is torn",)), terminal=terminal)
-    assert "a\\x1b[2J\\nb.tif is torn" in said
-    assert NAME not in said
-    assert "\x1b[2J" not in said
+    printed = shown(snapshot(warnings=(f"{NAME} is torn",)), terminal=terminal)
+    assert "a\\x1b[2J\\nb.tif is torn" in printed
+    assert NAME not in printed
+    assert "\x1b[2J" not in printed
 
 
 def test_what_is_typed_is_a_verb_or_acknowledges_every_alarm() -> None:

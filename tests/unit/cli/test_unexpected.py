@@ -46,10 +46,10 @@ def failing(*arguments: str, **environment: str) -> tuple[int, str]:
 
 @pytest.mark.parametrize(("options", "code"), [((), 1), (("--thread",), 0)])
 def test_an_unexpected_error_is_one_sentence(options: tuple[str, ...], code: int) -> None:
-    returned, said = failing(*options)
+    returned, printed = failing(*options)
     assert returned == code
-    assert said.count("\n") == 1
-    assert said.startswith("semlive itself failed (RuntimeError: broken\\x1b[2J in two lines); set SEMLIVE_TRACEBACK=1")
+    assert printed.count("\n") == 1
+    assert printed.startswith("semlive itself failed (RuntimeError: broken\\x1b[2J in two lines); set SEMLIVE_TRACEBACK=1")
 
 
 def test_a_full_disk_is_reported_with_its_path() -> None:
@@ -57,9 +57,9 @@ def test_a_full_disk_is_reported_with_its_path() -> None:
 
 
 def test_the_trace_is_shown_on_request() -> None:
-    returned, said = failing(SEMLIVE_TRACEBACK="1")
+    returned, printed = failing(SEMLIVE_TRACEBACK="1")
     assert returned == 1
-    assert "Traceback" in said
+    assert "Traceback" in printed
 
 
 def test_what_the_loop_did_not_expect_goes_into_the_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,7 +71,7 @@ def test_what_the_loop_did_not_expect_goes_into_the_log(tmp_path: Path, capsys: 
         log_loop_error(RunLog(recorder), clock, {"message": "in a task", "exception": error})
     log_loop_error(RunLog(recorder), clock, {"message": "no exception at all"})
     assert recorder.close(10.0)
-    told = [from_json(one.topic, one.payload) for one in messages(tmp_path) if one.topic == "/log"]
-    assert [one.level for one in told if isinstance(one, LogLineMessage)] == ["error", "error"]
-    assert "ValueError: a connection broke" in str(told[0])
+    reported = [from_json(item.topic, item.payload) for item in messages(tmp_path) if item.topic == "/log"]
+    assert [item.level for item in reported if isinstance(item, LogLineMessage)] == ["error", "error"]
+    assert "ValueError: a connection broke" in str(reported[0])
     assert capsys.readouterr() == ("", "")

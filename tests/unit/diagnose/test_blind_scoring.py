@@ -43,12 +43,12 @@ def test_the_upper_bound_is_that_of_clopper_and_pearson(count: int, total: int, 
         (Case(CONFOUNDED, ("flyback_settling",), 1.0, 1), verdict("NONE", []), "NONE"),
     ],
 )
-def test_a_verdict_is_worth_what_it_says(case: Case, told: dict[str, object], worth: str) -> None:
+def test_a_verdict_is_worth_what_it_reports(case: Case, told: dict[str, object], worth: str) -> None:
     assert judged(case, told) == worth
 
 
 @pytest.mark.parametrize("name", ["bending_misalignment", "load_step_transient", "magnification_frame_instability", "wrong_row_time"])
-def test_an_effect_is_as_large_in_the_maps_as_is_said(name: str) -> None:
+def test_an_effect_is_as_large_in_the_maps_as_is_reported(name: str) -> None:
     case = Case(ONE, (name,), 4.0, 3)
     assert largest_px(case.conditions(), case.effects()) == pytest.approx(4.0 * DETECTABLE_PX[name], rel=2e-3)
 
@@ -65,9 +65,9 @@ def test_no_row_takes_more_than_twice_what_is_stated_and_what_that_hardly_shows_
 
     assert told == [pytest.approx(0.914, abs=1e-3), 1.0, 1.0]
     assert [case.faint for case in wrong] == [False, False, True]
-    said = table([(case, verdict("AMBIGUOUS", ["wrong_row_time"], ["wrong_row_time", "scan_shear_drift"])) for case in wrong])
-    assert "| correct effect at 8 times | 2 | 0.0 % |" in said
-    assert "less than twice the detection limit: 1 AMBIGUOUS." in said
+    printed = table([(case, verdict("AMBIGUOUS", ["wrong_row_time"], ["wrong_row_time", "scan_shear_drift"])) for case in wrong])
+    assert "| correct effect at 8 times | 2 | 0.0 % |" in printed
+    assert "less than twice the detection limit: 1 AMBIGUOUS." in printed
 
 
 def test_a_wrong_row_time_that_looks_like_a_shear_need_not_be_named_but_not_misnamed() -> None:
@@ -77,40 +77,40 @@ def test_a_wrong_row_time_that_looks_like_a_shear_need_not_be_named_but_not_misn
     apart, alike = (Case(ONE, ("wrong_row_time",), 4.0, seed) for seed in (1, 7))  # the rate of the drift along y changes by 51 and by 3 %
     assert (apart.sheared, alike.sheared, shear.sheared) == (False, True, False)
     both = [(case, verdict("AMBIGUOUS", ["scan_shear_drift"], ["scan_shear_drift", "wrong_row_time"])) for case in (apart, alike)]
-    said = table(both)
-    assert "| correct effect at 4 times | 1 | 0.0 % |" in said
-    assert "| truth in the stated set at 4 times | 2 | 100.0 % |" in said
-    assert "- 4 times: 1 AMBIGUOUS with the truth in the set; with them 0 of 2 correct (0.0 %)." in said
-    said = table([(alike, verdict("IDENTIFIED", ["stage_yaw"]))])
-    assert "| wrong effect IDENTIFIED at 4 times | 1 | 100.0 % |" in said
+    printed = table(both)
+    assert "| correct effect at 4 times | 1 | 0.0 % |" in printed
+    assert "| truth in the stated set at 4 times | 2 | 100.0 % |" in printed
+    assert "- 4 times: 1 AMBIGUOUS with the truth in the set; with them 0 of 2 correct (0.0 %)." in printed
+    printed = table([(alike, verdict("IDENTIFIED", ["stage_yaw"]))])
+    assert "| wrong effect IDENTIFIED at 4 times | 1 | 100.0 % |" in printed
 
 
 def test_seeds_of_the_final_set_are_never_those_of_development() -> None:
     counts = Counts(seeds=16, nulls=773, doubles=50, strange=25, deformed=5, left_out=3, confounded=30)
-    asked = {"counts": counts, "sizes": (2.0, 4.0), "names": tuple(DETECTABLE_PX)}
-    development, final = ({(one.seed) for one in cases(which, **asked)} for which in ("development", "final"))
+    requests = {"counts": counts, "sizes": (2.0, 4.0), "names": tuple(DETECTABLE_PX)}
+    development, final = ({(item.seed) for item in cases(which, **requests)} for which in ("development", "final"))
     assert not development & final
-    listed = list(cases("final", **asked))
+    listed = list(cases("final", **requests))
     assert (
-        len({one.key for one in listed}) == len(listed) == 16 * 2 * len(DETECTABLE_PX) + 773 + 50 + 25 * 6 * 2 + 5 * 10 + 3 * 19 + 30 * 10
+        len({item.key for item in listed}) == len(listed) == 16 * 2 * len(DETECTABLE_PX) + 773 + 50 + 25 * 6 * 2 + 5 * 10 + 3 * 19 + 30 * 10
     )
 
 
 def test_what_is_left_out_is_not_in_the_dictionary_and_a_deformed_law_is_another() -> None:
     left_out, usual = Case(LEFT_OUT, ("stage_yaw",), 8.0, 1), Case(ONE, ("stage_yaw",), 8.0, 1)
-    assert {one.name for one in usual.dictionary()} - {one.name for one in left_out.dictionary()} == {"stage_yaw"}
+    assert {item.name for item in usual.dictionary()} - {item.name for item in left_out.dictionary()} == {"stage_yaw"}
     for name in DEFORMED:
         bent = Case(DEFORMED_LAW, (name,), 8.0, 3)
         assert largest_px(bent.conditions(), bent.effects()) == pytest.approx(peak_px(name, 8.0), rel=2e-2)
         assert type(bent.effects()[0]) is not type(Case(ONE, (name,), 8.0, 3).effects()[0])
 
 
-def test_a_table_says_what_is_met_and_what_is_open() -> None:
+def test_a_table_reports_what_is_met_and_what_is_open() -> None:
     nulls = [(Case(NOTHING, (), 0.0, seed), verdict("NONE", [])) for seed in range(299)]
     few = [(Case(ONE, ("stage_yaw",), 4.0, 1), verdict("IDENTIFIED", ["stage_yaw"]))]
-    said = table([*nulls, *few])
-    assert "| false effects without a hidden effect | 299 | 0.0 % | 1.0 % | at most 1 % | met |" in said
-    assert "| correct effect at 4 times | 1 | 100.0 % | 5.0 % | at least 97 % | open |" in said
+    printed = table([*nulls, *few])
+    assert "| false effects without a hidden effect | 299 | 0.0 % | 1.0 % | at most 1 % | met |" in printed
+    assert "| correct effect at 4 times | 1 | 100.0 % | 5.0 % | at least 97 % | open |" in printed
 
 
 def test_sizes_that_are_not_met_in_practice_are_known() -> None:
@@ -120,7 +120,7 @@ def test_sizes_that_are_not_met_in_practice_are_known() -> None:
 
 def lost_share(case: Case) -> float:
     pairs = hidden(case.conditions(), case.effects(), GRID)
-    return float(np.mean([one.status != PoiStatus.CONVERGED for pair in pairs for one in pair.maps]))
+    return float(np.mean([item.status != PoiStatus.CONVERGED for pair in pairs for item in pair.maps]))
 
 
 def test_points_that_share_no_noise_are_another_case_with_the_same_effect_and_leave_known_keys_as_they_were() -> None:

@@ -25,11 +25,9 @@ from semlive.diagnose.baseline.observation import sample_within_blocks
 from semlive.diagnose.two_runs.decide import compare_runs, join_runs, relative_to_reference
 from semlive.errors import IllPosed
 from semlive.model.effects import EFFECT_CLASSES, TWO_RUN_EFFECT_CLASSES
-from semlive_simulators.effects.flyback_settling import FlybackSettling
-from semlive_simulators.effects.frame_start_settling import FrameStartSettling
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.line_sync_hum import LineSyncHum
-from semlive_simulators.effects.wrong_row_time import WrongRowTime
+from semlive_simulators.effects.scan_deflection import FlybackSettling, FrameStartSettling, LineSyncHum
+from semlive_simulators.effects.scan_timing import WrongRowTime
 from semlive_simulators.microscope.scan import Scan
 
 GRID = Grid(56, 56, 15, 60, 50, 43)
@@ -51,7 +49,7 @@ def decided(seed: int, *effects: Effect) -> TwoRunVerdict:
 
 def told(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
     assert found.effect is not None
-    return {one.name: (one.value, one.sigma) for one in found.effect.parameters}
+    return {item.name: (item.value, item.sigma) for item in found.effect.parameters}
 
 
 def test_a_distortion_that_both_scans_have_is_nothing() -> None:
@@ -106,26 +104,26 @@ def test_one_run_joined_with_nothing_is_that_run() -> None:
     for family in (TWO_RUN_EFFECT_CLASSES[1], EFFECT_CLASSES[1]):
         law = family.basis_field(scene, next(iter(family.grid(scene))))
         assert law is not None
-        one, other = joined.projected([law]), project(best, law.field_px)
-        assert one.values == pytest.approx(other.values, rel=1e-6, abs=1e-9)
-        assert np.abs(one.gradient) == pytest.approx(np.abs(other.gradient), rel=1e-6, abs=1e-6)
+        item, other = joined.projected([law]), project(best, law.field_px)
+        assert item.values == pytest.approx(other.values, rel=1e-6, abs=1e-9)
+        assert np.abs(item.gradient) == pytest.approx(np.abs(other.gradient), rel=1e-6, abs=1e-6)
 
 
 def test_a_law_is_what_the_points_and_subsets_of_a_block_show() -> None:
     """Lost points among them: with the middles of blocks, and frame 0's for all maps, 8 % were left."""
     conditions = Conditions(47, tension=0, subset_px=GRID.subset_px)
-    without, having = (observed(conditions, effects, GRID) for effects in ((), (FrameStartSettling(0.3, -0.4, 5.0),)))
-    family = next(one for one in TWO_RUN_EFFECT_CLASSES if one.name == "frame_start_settling")
+    without, with_effects = (observed(conditions, effects, GRID) for effects in ((), (FrameStartSettling(0.3, -0.4, 5.0),)))
+    family = next(item for item in TWO_RUN_EFFECT_CLASSES if item.name == "frame_start_settling")
     like = family.basis_field(without.geometry, {"settling_s": 5.0})
     assert like is not None
     law = relative_to_reference(family, sample_within_blocks(without), {"settling_s": 5.0}, like)
     assert law is not None
-    moved = having.disparity_px - without.disparity_px
+    moved = with_effects.disparity_px - without.disparity_px
     left = moved - law.field_px @ [0.3, -0.4]
     assert moved.std() > 2e-3
     assert left.std() < 0.015 * moved.std()
 
 
 def test_a_dictionary_holds_no_name_twice() -> None:
-    assert len({one.name for one in (*EFFECT_CLASSES, *TWO_RUN_EFFECT_CLASSES)}) == len(EFFECT_CLASSES) + len(TWO_RUN_EFFECT_CLASSES) - 1
-    assert {one.group for one in TWO_RUN_EFFECT_CLASSES} == {"G3", "G4"}
+    assert len({item.name for item in (*EFFECT_CLASSES, *TWO_RUN_EFFECT_CLASSES)}) == len(EFFECT_CLASSES) + len(TWO_RUN_EFFECT_CLASSES) - 1
+    assert {item.group for item in TWO_RUN_EFFECT_CLASSES} == {"G3", "G4"}

@@ -48,7 +48,7 @@ def before(turning: Observation) -> HyperparameterGrid:
 
 
 def found(before: HyperparameterGrid, *names: str) -> list[RefinedEffect]:
-    return [refined(before, one) for one in score_candidates(before, [effect_class(name) for name in names])]
+    return [refined(before, entry) for entry in score_candidates(before, [effect_class(name) for name in names])]
 
 
 def verdict(*names: str, ambiguous: bool = True) -> Diagnosis:
@@ -58,21 +58,21 @@ def verdict(*names: str, ambiguous: bool = True) -> Diagnosis:
 
 
 @pytest.mark.parametrize("dwell", [1.0, 2.0])
-def test_simulations_of_an_experiment_give_the_odds_that_were_foretold(
+def test_simulations_of_an_experiment_give_the_odds_that_were_predicted(
     turning: Observation, before: HyperparameterGrid, dwell: float
 ) -> None:
     rivals = found(before, *ALIKE)
     ahead = simulate_baseline(
         before, planned_run(turning, ExperimentKind.REPEAT if dwell == 1.0 else ExperimentKind.CHANGED_SCAN_TIMES, dwell)
     )
-    expected = expected_odds(ahead, [predict_effect(ahead, before, one) for one in rivals])
+    expected = expected_odds(ahead, [predict_effect(ahead, before, entry) for entry in rivals])
     scan = replace(SCAN, dwell_time_s=dwell * SCAN.dwell_time_s, frame_time_s=dwell * SCAN.frame_time_s)
 
     given = []
     for seed in (21, 22, 23):
         conditions = Conditions(seed, tension=0, bent_like=7, scan=scan, noise_px=0.02 / dwell**0.5)
         after = noise_scaled_baseline(observed(conditions, hidden_effect(ALIKE[0], 0.08, 7), GRID))
-        given.append(log_odds(after, [predict_effect(after, before, one) for one in rivals])[0, 1])
+        given.append(log_odds(after, [predict_effect(after, before, entry) for entry in rivals])[0, 1])
 
     assert expected[0, 1] > 5.0
     assert 0.5 < np.mean(given) / expected[0, 1] < 1.6
@@ -93,13 +93,13 @@ def test_a_rehearsal_has_the_blocks_noise_and_smoothness_of_the_run_before(turni
 
 
 def test_an_error_of_the_row_time_is_the_same_where_rows_take_twice_as_long(turning: Observation, before: HyperparameterGrid) -> None:
-    (one,) = found(before, "wrong_row_time")
+    (entry,) = found(before, "wrong_row_time")
     ahead = simulate_baseline(before, planned_run(turning, ExperimentKind.CHANGED_SCAN_TIMES, 2.0))
-    said, scene = predict_effect(ahead, before, one), ahead.design.observation.geometry
-    (error,) = (item.value for item in one.parameters if item.name == "row_time_error")
+    printed, scene = predict_effect(ahead, before, entry), ahead.design.observation.geometry
+    (error,) = (item.value for item in entry.parameters if item.name == "row_time_error")
 
     assert scene.time_in_frame_s.max() > 1.9 * turning.geometry.time_in_frame_s.max()
-    assert said.field_px @ said.mean == pytest.approx(error * scene.drift_rate_px_s * scene.time_in_frame_s[..., None], abs=1e-9)
+    assert printed.field_px @ printed.mean == pytest.approx(error * scene.drift_rate_px_s * scene.time_in_frame_s[..., None], abs=1e-9)
 
 
 def test_experiments_differ_in_time_loads_and_moves(turning: Observation) -> None:
@@ -107,13 +107,13 @@ def test_experiments_differ_in_time_loads_and_moves(turning: Observation) -> Non
     again = runs[ExperimentKind.REPEAT]
 
     assert len(again.steps) == 8
-    assert not any(one.load_n for one in again.steps)
+    assert not any(entry.load_n for entry in again.steps)
     assert len(runs[ExperimentKind.STATIONARY_SERIES].steps) == 10
-    assert not any(any(one.shift_px) for one in runs[ExperimentKind.STATIONARY_SERIES].steps)
+    assert not any(any(entry.shift_px) for entry in runs[ExperimentKind.STATIONARY_SERIES].steps)
     assert len(runs[ExperimentKind.UNLOAD].steps) == 8 + 7 + 6
     assert len(runs[ExperimentKind.ZERO_LOAD_STEPS].steps) == 8 + 14
     longer = runs[ExperimentKind.LONGER_HOLD]
-    assert {one.hold_s for one in longer.steps} == {120.0}
+    assert {entry.hold_s for entry in longer.steps} == {120.0}
     assert longer.duration_s == pytest.approx(15 * (again.duration_s / 8 + 90.0))
     assert (
         planned_run(turning, ExperimentKind.CHANGED_SCAN_TIMES, 0.5).duration_s
@@ -122,35 +122,35 @@ def test_experiments_differ_in_time_loads_and_moves(turning: Observation) -> Non
     )
 
 
-def test_what_has_happened_or_goes_with_moves_says_nothing_of_a_parked_run(turning: Observation, before: HyperparameterGrid) -> None:
+def test_what_has_happened_or_goes_with_moves_reports_nothing_of_a_parked_run(turning: Observation, before: HyperparameterGrid) -> None:
     ahead = simulate_baseline(before, planned_run(turning, ExperimentKind.STATIONARY_SERIES))
-    yaw, rotation = (predict_effect(ahead, before, one) for one in found(before, "stage_yaw", "raster_rotation_drift"))
-    (jump,) = (predict_effect(ahead, before, one) for one in found(before, "jump_within_pair"))
+    yaw, rotation = (predict_effect(ahead, before, entry) for entry in found(before, "stage_yaw", "raster_rotation_drift"))
+    (jump,) = (predict_effect(ahead, before, entry) for entry in found(before, "jump_within_pair"))
 
     assert (len(yaw.mean), len(jump.mean), len(rotation.mean)) == (0, 0, 4)
-    said = expected_odds(ahead, [yaw, jump, rotation])
-    assert said[0, 1] == said[1, 0] == 0.0
-    assert said[0, 2] == pytest.approx(said[1, 2])
-    assert said[0, 2] > 0.0  # nothing is heard, and that tells against what should be
+    printed = expected_odds(ahead, [yaw, jump, rotation])
+    assert printed[0, 1] == printed[1, 0] == 0.0
+    assert printed[0, 2] == pytest.approx(printed[1, 2])
+    assert printed[0, 2] > 0.0  # nothing is heard, and that tells against what should be
 
 
 def test_what_is_left_open_gets_the_experiments_that_decide_with_the_most_a_minute_first(turning: Observation) -> None:
     menu = forecast_experiments(turning, verdict(*ALIKE))
 
-    kinds = {(one.kind, one.dwell) for one in menu}
+    kinds = {(entry.kind, entry.dwell) for entry in menu}
     unloaded = {("parked", 1.0), ("again", 1.0), ("reversed", 1.0), ("other_scan", 0.5), ("other_scan", 2.0)}
     assert kinds == unloaded | {("longer_hold", 1.0), ("dummy_steps", 1.0), ("unload", 1.0)}
-    rates = [one.log_odds_per_minute for one in menu]
+    rates = [entry.log_odds_per_minute for entry in menu]
     assert rates == sorted(rates, reverse=True)
-    assert {(one.true, one.other) for one in menu} <= {ALIKE, ALIKE[::-1]}
+    assert {(entry.true, entry.other) for entry in menu} <= {ALIKE, ALIKE[::-1]}
     # Nothing turns with moves in a parked run, but drift and a distortion that it does not show take a turning raster up.
-    least = {one.kind: one.log_odds for one in menu if one.dwell == 1.0}
+    least = {entry.kind: entry.log_odds for entry in menu if entry.dwell == 1.0}
     assert least["parked"] < least["again"] < least["reversed"]
 
 
-def test_one_effect_is_told_from_nothing_and_one_effect_with_two_names_cannot_be_foretold(turning: Observation) -> None:
+def test_one_effect_is_told_from_nothing_and_one_effect_with_two_names_cannot_be_predicted(turning: Observation) -> None:
     alone = forecast_experiments(turning, verdict(ALIKE[0], ambiguous=False))
-    assert {one for each in alone for one in (each.true, each.other)} == {ALIKE[0], "nothing"}
+    assert {entry for each in alone for entry in (each.true, each.other)} == {ALIKE[0], "nothing"}
     assert forecast_experiments(turning, verdict(ALIKE[0], "hv_drift")) == ()
     assert NOTHING.name == "nothing"
 
@@ -158,21 +158,21 @@ def test_one_effect_is_told_from_nothing_and_one_effect_with_two_names_cannot_be
 def test_the_experiment_that_decides_in_the_least_time_is_proposed() -> None:
     slow = ExperimentForecast("other_scan", 2.0, 60.0, 12.0, *ALIKE)
     weak = ExperimentForecast("parked", 1.0, 5.0, 2.0, *ALIKE)
-    asked = replace(verdict(*ALIKE), experiment=ExperimentProposal(ALIKE, "park the stage", (weak, slow)))
+    requests = replace(verdict(*ALIKE), experiment=ExperimentProposal(ALIKE, "park the stage", (weak, slow)))
 
-    chosen = choose_proposal(asked)
+    chosen = choose_proposal(requests)
     assert chosen is not None
     assert (chosen.kind, chosen.forecast) == (ExperimentKind.CHANGED_SCAN_TIMES, slow)
-    undecided = choose_proposal(replace(asked, experiment=ExperimentProposal(ALIKE, "park the stage", (weak,))))
+    undecided = choose_proposal(replace(requests, experiment=ExperimentProposal(ALIKE, "park the stage", (weak,))))
     assert undecided is not None
     assert (undecided.kind, undecided.forecast) == (ExperimentKind.STATIONARY_SERIES, None)
     assert weak.log_odds_per_minute == pytest.approx(0.4)
     assert slow.summary == "other scan, 2 times the dwell"
 
-    told = ranked(ExperimentProposal(ALIKE, "park the stage"), (weak, slow))
-    assert told.about.startswith("other scan, 2 times the dwell, 60 minutes: effects that follow the dwell")
-    assert told.about.endswith("(or: park the stage)")
-    assert told.forecasts == (weak, slow)
+    reported = ranked(ExperimentProposal(ALIKE, "park the stage"), (weak, slow))
+    assert reported.about.startswith("other scan, 2 times the dwell, 60 minutes: effects that follow the dwell")
+    assert reported.about.endswith("(or: park the stage)")
+    assert reported.forecasts == (weak, slow)
     assert ranked(ExperimentProposal(ALIKE, "park the stage"), (weak,)).about == "park the stage"
 
     console = Console(width=160, record=True, file=StringIO())

@@ -14,7 +14,7 @@ from semlive.data.strain import MeasuredValue
 from semlive.diagnose.baseline.observation import StepConditions
 from semlive.diagnose.scalars.load_cell import LoadReadings, add_load_cell_evidence
 from semlive.diagnose.scalars.strain_gage import GageReadings, add_gage_evidence, gage_readings
-from semlive_simulators.effects.out_of_plane_translation import OutOfPlaneTranslation
+from semlive_simulators.effects.deformation import OutOfPlaneTranslation
 
 NOTHING = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01)
 UP = [100.0, 450.0, 800.0, 1150.0, 1500.0, 1850.0, 2200.0]
@@ -62,32 +62,32 @@ def readings(
 
 
 def named(found: list[Diagnosis]) -> int:
-    return sum(any(one.name == "out_of_plane_translation" for one in verdict.effects) for verdict in found)
+    return sum(any(entry.name == "out_of_plane_translation" for entry in verdict.effects) for verdict in found)
 
 
 def test_maps_that_show_what_the_gage_shows_have_no_lift() -> None:
     found = [add_gage_evidence(NOTHING, readings(seed)) for seed in range(400)]
     assert named(found) == 0
-    assert all(one.outcome is Outcome.NONE for one in found)
-    assert np.mean([one.where[-1].p_value < 0.05 for one in found]) < 0.09
+    assert all(entry.outcome is Outcome.NONE for entry in found)
+    assert np.mean([entry.where[-1].p_value < 0.05 for entry in found]) < 0.09
 
 
 @pytest.mark.parametrize(("per_n", "least"), [(LIFT, 40), (-LIFT, 40), (0.5 * LIFT, 40), (0.25 * LIFT, 20)])
 def test_a_lift_has_a_name(per_n: float, least: int) -> None:
     found = [add_gage_evidence(NOTHING, readings(seed, per_n)) for seed in range(40)]
     assert named(found) >= least
-    told = [one for one in found if one.effects]
-    assert all((one.outcome, one.group, one.ambiguous) == (Outcome.IDENTIFIED, "G6", ()) for one in told)
-    assert all(one.effects[0].strain for one in told)
-    values = [{item.name: item for item in one.effects[0].parameters} for one in told]
-    away = [(one["strain_per_n"].value - per_n) / one["strain_per_n"].sigma for one in values]
+    told = [entry for entry in found if entry.effects]
+    assert all((entry.outcome, entry.group, entry.ambiguous) == (Outcome.IDENTIFIED, "G6", ()) for entry in told)
+    assert all(entry.effects[0].strain for entry in told)
+    values = [{item.name: item for item in entry.effects[0].parameters} for entry in told]
+    away = [(entry["strain_per_n"].value - per_n) / entry["strain_per_n"].sigma for entry in values]
     if least == len(found):  # those that are loud by luck are too large
         assert abs(np.mean(away)) < 0.5
         assert np.std(away) == pytest.approx(1.0, abs=0.3)
-        assert np.median([one.gap.closure for one in found if one.gap is not None]) == pytest.approx(1.0, abs=0.05)
+        assert np.median([entry.gap.closure for entry in found if entry.gap is not None]) == pytest.approx(1.0, abs=0.05)
         assert values[0]["size_px"].value == pytest.approx(abs(per_n) * 2200.0 * HALF_PX, rel=0.1)
         # The maps' modulus is E / (1 + k E A).
-        assert np.mean([one["modulus_change"].value for one in values]) == pytest.approx(per_n * STIFF_N, rel=0.05)
+        assert np.mean([entry["modulus_change"].value for entry in values]) == pytest.approx(per_n * STIFF_N, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -109,12 +109,12 @@ def test_what_a_gage_or_a_first_step_does_is_no_lift(told: dict[str, float]) -> 
 
 def test_what_differs_from_load_to_load_is_told_without_a_name() -> None:
     found = [add_gage_evidence(NOTHING, readings(seed, scatter=1e-4)) for seed in range(100)]
-    heard = [one.where[-1] for one in found]
-    assert all(one.domain == "gage_readings" for one in heard)
-    assert sum(one.p_value < 0.01 for one in heard) >= 95
+    received = [entry.where[-1] for entry in found]
+    assert all(entry.domain == "gage_readings" for entry in received)
+    assert sum(entry.p_value < 0.01 for entry in received) >= 95
     # Seven values scatter about their own mean by 0.93 of that.
-    assert np.median([one.rms_px for one in heard]) == pytest.approx(0.97e-4 * HALF_PX, rel=0.25)
-    assert all(one.outcome is Outcome.NONE for one in found)
+    assert np.median([entry.rms_px for entry in received]) == pytest.approx(0.97e-4 * HALF_PX, rel=0.25)
+    assert all(entry.outcome is Outcome.NONE for entry in found)
 
 
 @pytest.mark.parametrize("name", ["bending_misalignment", "magnification_drift"])
@@ -154,10 +154,10 @@ def test_what_the_model_has_is_not_named_again() -> None:
     assert add_gage_evidence(known, readings(1, LIFT)).effects == ()
 
 
-def test_the_load_cell_says_what_it_said() -> None:
-    one = readings(1, LIFT)
-    alone = add_load_cell_evidence(NOTHING, one.load_readings)
-    both = add_gage_evidence(alone, one)
+def test_the_load_cell_reports_what_it_reported() -> None:
+    entry = readings(1, LIFT)
+    alone = add_load_cell_evidence(NOTHING, entry.load_readings)
+    both = add_gage_evidence(alone, entry)
     assert alone.effects == ()
     assert both.where[:-1] == alone.where
     assert both.evidence[:-1] == alone.evidence

@@ -93,12 +93,12 @@ def of_noise(seed: int) -> IntensityDiagnosis:
 
 
 def told(found: IntensityDiagnosis, name: str) -> dict[str, tuple[float, float]]:
-    (effect,) = [one for one in found.effects if one.name == name]
-    return {one.name: (one.value, one.sigma) for one in effect.parameters}
+    (effect,) = [item for item in found.effects if item.name == name]
+    return {item.name: (item.value, item.sigma) for item in effect.parameters}
 
 
 def names(found: IntensityDiagnosis) -> list[str]:
-    return [one.name for one in found.effects]
+    return [item.name for item in found.effects]
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -113,7 +113,7 @@ def test_p_of_intensity_is_spread_evenly() -> None:
     assert np.mean(np.array(p_values) < 0.3) < 0.5
 
 
-def test_noise_is_told_as_a_line_over_grey() -> None:
+def test_noise_is_reported_as_a_line_over_grey() -> None:
     dark, slope = of_noise(1).noise
     assert slope.value == pytest.approx(PER_LEVEL, abs=4.0 * slope.sigma)
     assert dark.value == pytest.approx(DARK + 1.0 / 12.0, abs=4.0 * dark.sigma)
@@ -153,7 +153,7 @@ def test_brightness_that_drifts_is_no_contamination() -> None:
     found = diagnose_intensity(series(5, lambda grey, time_s: grey + 0.01 * time_s))
     assert (found.outcome, names(found)) == (Outcome.UNKNOWN, [])
     assert "frames" in found.unexplained
-    assert max(found.evidence, key=lambda one: one[1])[0] == DRIFT
+    assert max(found.evidence, key=lambda item: item[1])[0] == DRIFT
 
 
 def test_a_picture_that_brightens_with_dose_is_no_contamination() -> None:
@@ -237,22 +237,22 @@ def test_a_weak_change_that_two_laws_would_do_for_is_ambiguous() -> None:
             return grey * (1.0 - size * np.clip((time_s - 200.0) / 500.0, 0.0, 1.0))
 
         outcomes.append(diagnose_intensity(series(11, partly)))
-    assert all(set(names(one)) <= {"contamination", "gamma_change"} for one in outcomes)
-    for one in outcomes:
-        assert (one.outcome is Outcome.AMBIGUOUS) == bool(one.ambiguous)
+    assert all(set(names(item)) <= {"contamination", "gamma_change"} for item in outcomes)
+    for item in outcomes:
+        assert (item.outcome is Outcome.AMBIGUOUS) == bool(item.ambiguous)
 
 
-def test_few_pairs_are_said() -> None:
+def test_few_pairs_are_reported() -> None:
     with pytest.raises(IllPosed, match="fewer than 4 pairs"):
         diagnose_intensity(series(1, pairs=3))
 
 
-def test_laws_beside_each_other_share_nothing_that_one_explains() -> None:
+def test_laws_next_to_each_other_share_nothing_that_one_explains() -> None:
     courses = intensity_time_series(series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s)))
     alone = IntensityRegression(courses).all_fits()
-    best = max(alone, key=lambda one: one.odds)
+    best = max(alone, key=lambda item: item.odds)
     assert best.model.name == "contamination"
-    assert max(one.odds for one in IntensityRegression(courses, (best.model,)).all_fits()) < 7.0
+    assert max(item.odds for item in IntensityRegression(courses, (best.model,)).all_fits()) < 7.0
 
 
 def of_maps(outcome: Outcome, *effects: IdentifiedEffect) -> Diagnosis:
@@ -280,10 +280,10 @@ def test_a_flash_makes_a_jump_a_charges(quiet: IntensityDiagnosis) -> None:
     assert (found.outcome, found.group) == (Outcome.IDENTIFIED, "G9")
     (only,) = found.effects
     assert (only.name, only.model_effect, only.peak_px) == ("charging_jump", jump.model_effect, jump.peak_px)
-    assert {"x_px", "at_s", "flash_at_s"} <= {one.name for one in only.parameters}
+    assert {"x_px", "at_s", "flash_at_s"} <= {item.name for item in only.parameters}
 
     elsewhen = add_intensity_verdict(of_maps(Outcome.IDENTIFIED, effect("drift_jump", ("at_s", 300.0, 4.0))), flashing)
-    assert [one.name for one in elsewhen.effects] == ["drift_jump", "charging_jump"]
+    assert [item.name for item in elsewhen.effects] == ["drift_jump", "charging_jump"]
 
 
 def test_a_flash_decides_between_jumps(quiet: IntensityDiagnosis) -> None:
@@ -306,7 +306,7 @@ def test_grey_without_a_law_goes_along_with_a_charge_only(quiet: IntensityDiagno
     strange = replace(quiet, outcome=Outcome.UNKNOWN, unexplained="frames differ by 2 grey levels")
     found = add_intensity_verdict(of_maps(outcome, effect(name)), strange)
     assert found.outcome is joint
-    assert found.grey is strange
+    assert found.images.grey is strange
 
 
 def test_two_names_that_would_do_come_with_an_experiment(quiet: IntensityDiagnosis) -> None:

@@ -45,9 +45,9 @@ def test_what_an_effect_moves_is_what_it_moved(bent: Observation) -> None:
     assert moved.not_corrected == ()
     assert np.max(np.hypot(*true.T)) > 0.5 * PEAK_PX
     # What is like strain or motion is left to those: only the rest counts.
-    x, y = (one[both] for one in GRID.mesh())
+    x, y = (item[both] for item in GRID.mesh())
     affine = np.stack((np.ones_like(x), x, y), axis=-1)
-    rest, was = (one - affine @ np.linalg.lstsq(affine, one, rcond=None)[0] for one in (left, true))
+    rest, was = (item - affine @ np.linalg.lstsq(affine, item, rcond=None)[0] for item in (left, true))
     assert np.sqrt(np.mean(rest**2)) < 0.1 * np.sqrt(np.mean(was**2))
 
 
@@ -55,11 +55,11 @@ def test_an_injected_strain_is_left(bent: Observation) -> None:
     strain = 1e-4
     scene = bent.geometry
     more = np.zeros_like(bent.disparity_px)
-    more[scene.loaded, :, 1] = strain * scene.half_px * scene.y[scene.loaded]
+    more[scene.steps.loaded, :, 1] = strain * scene.half_px * scene.y[scene.steps.loaded]
     injected = replace(bent, disparity_px=bent.disparity_px + more)
     change = effect_displacement(injected, [BENDING]).field_px - effect_displacement(bent, [BENDING]).field_px
     y_px = scene.y * scene.half_px
-    taken = [np.polyfit(y_px[frame], change[frame, :, 1], 1)[0] for frame in np.flatnonzero(scene.loaded)]
+    taken = [np.polyfit(y_px[frame], change[frame, :, 1], 1)[0] for frame in np.flatnonzero(scene.steps.loaded)]
     assert np.max(np.abs(taken)) < 0.02 * strain
 
 

@@ -8,10 +8,8 @@ import pytest
 from semlive.data.diagnosis.effects import ModelEffect, Outcome
 from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.scalars.load_cell import LoadReadings, add_clock_evidence, add_load_cell_evidence
-from semlive_simulators.effects.friction_hysteresis import FrictionHysteresis
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.load_cell_drift import LoadCellDrift
-from semlive_simulators.effects.load_cell_zero import LoadCellZero
+from semlive_simulators.effects.load_cell import FrictionHysteresis, LoadCellDrift, LoadCellZero
 from semlive_simulators.specimen.history import History, LoadStep
 from semlive_simulators.specimen.specimen import at_rest
 
@@ -29,8 +27,8 @@ def readings(seed: int, effect: Effect | None = None, loads: list[float] = UP, b
     changes = np.diff(true_n, prepend=0.0)
     history = History(tuple(LoadStep(float(at), float(by)) for at, by in zip(time_s, changes, strict=True) if by), ())
     read = [
-        one if effect is None else effect.load_reading_n(one, float(at), at_rest((0.0, 0.0), np.zeros((2, 2)), one, history))
-        for one, at in zip(true_n.tolist(), time_s, strict=True)
+        entry if effect is None else effect.load_reading_n(entry, float(at), at_rest((0.0, 0.0), np.zeros((2, 2)), entry, history))
+        for entry, at in zip(true_n.tolist(), time_s, strict=True)
     ]
     load_n = np.array(read) + 0.05 * rng.standard_normal(len(true_n))
     loaded = np.arange(len(true_n)) >= REST
@@ -44,13 +42,13 @@ def readings(seed: int, effect: Effect | None = None, loads: list[float] = UP, b
 @pytest.mark.parametrize("bent_n", [0.0, 40.0])
 def test_a_cell_that_reads_what_there_is_has_no_effect(bent_n: float) -> None:
     found = [add_load_cell_evidence(NOTHING, readings(seed, loads=loads, bent_n=bent_n)) for seed in range(100) for loads in (UP, AND_DOWN)]
-    assert sum(bool(one.effects) for one in found) == 0
-    assert np.mean([one.where[-1].p_value < 0.05 for one in found]) < 0.09
+    assert sum(bool(entry.effects) for entry in found) == 0
+    assert np.mean([entry.where[-1].p_value < 0.05 for entry in found]) < 0.09
 
 
 def test_strains_that_are_all_off_alike_are_no_friction() -> None:
     found = [add_load_cell_evidence(NOTHING, readings(seed, shared=2e-5)) for seed in range(100)]
-    assert sum(bool(one.effects) for one in found) == 0
+    assert sum(bool(entry.effects) for entry in found) == 0
 
 
 def test_friction_that_was_felt_in_one_direction_is_not_told_from_a_step() -> None:
@@ -70,11 +68,11 @@ def test_friction_that_was_felt_in_one_direction_is_not_told_from_a_step() -> No
 )
 def test_what_a_cell_does_has_a_name(effect: Effect, loads: list[float], true: float, outcome: Outcome) -> None:
     found = [add_load_cell_evidence(NOTHING, readings(seed, effect, loads)) for seed in range(40)]
-    assert all(one.outcome is outcome and [item.name for item in one.effects] == [effect.name] for one in found)
-    gaps = [one.gap for one in found if one.gap is not None]
+    assert all(entry.outcome is outcome and [item.name for item in entry.effects] == [effect.name] for entry in found)
+    gaps = [entry.gap for entry in found if entry.gap is not None]
     assert len(gaps) == len(found)
-    assert np.median([one.closure for one in gaps]) == pytest.approx(1.0, abs=0.05)
-    away = [(item.value - true) / item.sigma for one in found for item in one.effects[0].parameters]
+    assert np.median([entry.closure for entry in gaps]) == pytest.approx(1.0, abs=0.05)
+    away = [(item.value - true) / item.sigma for entry in found for item in entry.effects[0].parameters]
     assert abs(np.mean(away)) < 0.5
     assert np.std(away) == pytest.approx(1.0, abs=0.4)
 
@@ -87,7 +85,7 @@ def test_a_load_that_relaxes_is_no_drift_of_its_zero_alone() -> None:
     )  # fmt: skip
     found = add_load_cell_evidence(NOTHING, relaxing)
     assert found.outcome is not Outcome.IDENTIFIED
-    assert all(one.name in ("load_cell_zero", "load_cell_drift", "friction_hysteresis") for one in found.effects)
+    assert all(entry.name in ("load_cell_zero", "load_cell_drift", "friction_hysteresis") for entry in found.effects)
 
 
 def test_what_the_model_has_is_not_named_again() -> None:
@@ -101,4 +99,4 @@ def test_a_clock_that_is_wrong_beyond_what_exporting_takes_has_a_name() -> None:
     assert right.effects == ()
     wrong = add_clock_evidence(NOTHING, -25.0, 2.1)
     assert wrong.outcome is Outcome.IDENTIFIED
-    assert [(one.name, one.parameters[0].value) for one in wrong.effects] == [("timestamp_offset", -25.0)]
+    assert [(entry.name, entry.parameters[0].value) for entry in wrong.effects] == [("timestamp_offset", -25.0)]

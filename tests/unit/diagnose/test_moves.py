@@ -19,22 +19,22 @@ def moves(seed: int, backlash_px: float = 0.0, quadratic_per_px: float = 0.0) ->
     rng = np.random.default_rng(seed)
     late = np.linspace(0.0, 1.0, len(PLACES))[:, None]
     went = PLACES @ np.array([[1.01, 0.01], [-0.01, 0.99]]) + late * [3.0, -5.0] + 0.24 * rng.standard_normal(PLACES.shape)
-    told = StageMoves(PLACES, went)
-    return StageMoves(PLACES, went + backlash_px * told.direction + quadratic_per_px * PLACES**2)
+    reported = StageMoves(PLACES, went)
+    return StageMoves(PLACES, went + backlash_px * reported.direction + quadratic_per_px * PLACES**2)
 
 
 def test_no_stage_is_given_an_effect_that_it_has_not() -> None:
     found = [add_stage_evidence(NOTHING, moves(seed)) for seed in range(150)]
-    assert sum(bool(one.effects) for one in found) == 0
-    assert np.mean([one.where[-1].p_value < 0.05 for one in found]) == pytest.approx(0.05, abs=0.04)
+    assert sum(bool(entry.effects) for entry in found) == 0
+    assert np.mean([entry.where[-1].p_value < 0.05 for entry in found]) == pytest.approx(0.05, abs=0.04)
 
 
 @pytest.mark.parametrize(("name", "size"), [("stage_backlash", {"backlash_px": 1.3}), ("stage_quadratic", {"quadratic_per_px": 2e-3})])
 def test_what_a_stage_does_has_a_name(name: str, size: dict[str, float]) -> None:
     found = [add_stage_evidence(NOTHING, moves(seed, **size)) for seed in range(40)]
-    assert all([effect.name for effect in one.effects] == [name] for one in found)
+    assert all([effect.name for effect in entry.effects] == [name] for entry in found)
     (true,) = size.values()
-    away = [(item.value - true) / item.sigma for one in found for effect in one.effects for item in effect.parameters]
+    away = [(item.value - true) / item.sigma for entry in found for effect in entry.effects for item in effect.parameters]
     assert np.std(away) == pytest.approx(1.0, abs=0.3)  # of 80, with ten degrees of freedom each
     assert abs(np.mean(away)) < 0.4
 

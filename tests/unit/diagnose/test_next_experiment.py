@@ -22,7 +22,7 @@ from semlive.model.effects.stage import MOVES, non_map_effect
 from semlive.service.config.configuration import parse_config
 from semlive.service.diagnosis.model_scenario import SIMULATED_EFFECTS, scenario_yaml
 from semlive.service.diagnosis.next_config import protocol_for
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive_simulators.effects.charging import ChargingLocalLens
 from semlive_simulators.scenario import load_scenario
 
 PROTOCOL = {"calibration_shifts_px": [[0.0, 0.0], [20.0, 0.0]], "loads_n": [100.0, 500.0, 900.0], "hold_s": 30.0}
@@ -119,7 +119,7 @@ def model(path: Path, name: str) -> Path:
 def test_a_found_effect_is_played_by_the_simulators_own(name: str, tmp_path: Path) -> None:
     scenario = tmp_path / "found.yaml"
     scenario.write_text(scenario_yaml(model(tmp_path / "model.json", name), "paper_x200"))
-    (effect,) = [one for one in load_scenario(str(scenario)).effects.members if one.name == name]
+    (effect,) = [item for item in load_scenario(str(scenario)).effects.members if item.name == name]
     assert effect.name in yaml.safe_load(scenario.read_text())["effects"]
 
 
@@ -131,8 +131,8 @@ def test_a_charged_spot_is_played_as_large_as_it_was_at_the_end_of_the_run(tmp_p
     assert effect.peak_px * -math.expm1(-6300.0 / effect.charging_s) == pytest.approx(PARAMETERS["peak_px"])
 
 
-def test_what_cannot_be_played_is_said(tmp_path: Path) -> None:
-    known = {one.name for one in (*EFFECT_CLASSES, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK, OUT_OF_PLANE, *INTENSITY_EFFECTS)}
+def test_what_cannot_be_played_is_reported(tmp_path: Path) -> None:
+    known = {item.name for item in (*EFFECT_CLASSES, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK, OUT_OF_PLANE, *INTENSITY_EFFECTS)}
     assert set(SIMULATED_EFFECTS) - NAMED_BY_VALUE == known - {"inhomogeneous_strain", "dic_subpixel_bias"}
     with pytest.raises(BadConfig, match="no counterpart"):
         scenario_yaml(model(tmp_path / "model.json", "inhomogeneous_strain"), "paper_x200")

@@ -23,7 +23,7 @@ from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.maps.parameter_search import LinearParameterSums
 from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
 from semlive.model.effects import EFFECT_CLASSES
-from semlive.model.effects.maps.distortion_scale_drift import AFFINE
+from semlive.model.effects.maps.image_field import AFFINE
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
 
@@ -34,12 +34,12 @@ def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID) -> tuple[Hyp
 
 
 def likeliest(bare: HyperparameterGrid, name: str) -> RefinedEffect:
-    (heard,) = score_candidates(bare, [effect_class(name)])
-    return refined(bare, heard)
+    (received,) = score_candidates(bare, [effect_class(name)])
+    return refined(bare, received)
 
 
 def told(found: RefinedEffect) -> dict[str, tuple[float, float]]:
-    return {one.name: (one.value, one.sigma) for one in found.parameters}
+    return {item.name: (item.value, item.sigma) for item in found.parameters}
 
 
 def test_an_amplitude_is_as_uncertain_as_the_onset_that_it_goes_with() -> None:
@@ -65,29 +65,29 @@ def test_a_large_jump_between_the_instants_of_the_grid_is_told_as_large_as_it_is
         assert abs(value - true) < 3.0 * sigma
 
 
-def test_refitted_beside_no_other_an_effect_is_as_large_as_it_was() -> None:
+def test_refitted_next_to_no_other_an_effect_is_as_large_as_it_was() -> None:
     bare, _ = hiding("load_step_transient", 0.15, 5)
     alone = likeliest(bare, "load_step_transient")
-    having = build_grid(bare.design.with_effects(alone.baseline_effect))
-    (beside,) = refit_jointly(having, [alone])
+    with_effects = build_grid(bare.design.with_effects(alone.baseline_effect))
+    (beside,) = refit_jointly(with_effects, [alone])
     assert beside.amplitudes == pytest.approx(alone.amplitudes, rel=1e-3)
     assert beside.covariance == pytest.approx(alone.covariance, rel=1e-2, abs=1e-3 * float(alone.covariance.max()))
     assert beside.parameters[-1] == alone.parameters[-1]
 
 
-def test_effects_are_refitted_beside_each_other() -> None:
+def test_effects_are_refitted_next_to_each_other() -> None:
     """Creep alone takes what the steps' fading leaves; beside it, it does not."""
     names = ("load_step_transient", "creep_in_hold")
-    effects = tuple(one for name in names for one in hidden_effect(name, 0.2, 6))
+    effects = tuple(item for name in names for item in hidden_effect(name, 0.2, 6))
     bare = noise_scaled_baseline(observed(Conditions(6, calibration=5, tension=3), effects, GRID))
     found = [likeliest(bare, name) for name in names]
-    having = bare.design
-    for one in found:
-        having = having.with_effects(one.baseline_effect)
-    beside = refit_jointly(build_grid(having), found)
-    for name, effect, one in zip(names, effects, beside, strict=True):
+    with_effects = bare.design
+    for item in found:
+        with_effects = with_effects.with_effects(item.baseline_effect)
+    beside = refit_jointly(build_grid(with_effects), found)
+    for name, effect, item in zip(names, effects, beside, strict=True):
         for parameter, true in hidden_values(name, effect).items():
-            value, sigma = told(one)[parameter]
+            value, sigma = told(item)[parameter]
             assert abs(value - true) < 3.0 * sigma, f"{name} {parameter}: {value} +- {sigma}, hidden {true}"
 
 
@@ -106,16 +106,16 @@ def test_a_law_that_is_a_sum_is_what_its_columns_say(scaling: HyperparameterGrid
     summed, whole = sums.at(values), project(bare, law.field_px)
     sizes_px = np.geomspace(0.003, 1.0, 5)
     assert summed.log_factor(sizes_px) == pytest.approx(whole.log_factor(sizes_px), rel=1e-6, abs=1e-6)
-    for one, other in zip(sums.at_point(0).at(values).amplitudes(0, 0.1), whole.amplitudes(0, 0.1), strict=True):
-        assert one == pytest.approx(other, rel=1e-5, abs=1e-9)
+    for item, other in zip(sums.at_point(0).at(values).amplitudes(0, 0.1), whole.amplitudes(0, 0.1), strict=True):
+        assert item == pytest.approx(other, rel=1e-5, abs=1e-9)
     assert LinearParameterSums.of(bare, effect_class("thermal_oscillation")) is None
 
 
 def test_only_what_is_linear_is_a_sum(scaling: HyperparameterGrid) -> None:
     """Of every family that says so: half way between two values lies the mean of their columns."""
     scene = scaling.design.observation.geometry
-    for family in (one for one in EFFECT_CLASSES if one.linear_in_parameters):
-        for name in (one.name for one in family.nonlinear_parameters):
+    for family in (item for item in EFFECT_CLASSES if item.linear_in_parameters):
+        for name in (item.name for item in family.nonlinear_parameters):
             low, half, high = (family.basis_field(scene, {name: value}) for value in (0.0, 0.5, 1.0))
             assert low is not None
             assert half is not None

@@ -26,9 +26,8 @@ from semlive.diagnose.baseline.priors import DriftPrior
 from semlive.diagnose.maps.cross_validation import held_out_misfit
 from semlive.diagnose.maps.refinement import refined
 from semlive.diagnose.maps.verdict import diagnose
-from semlive_simulators.effects.baseline_distortion_underresolved import BaselineDistortionUnderresolved
+from semlive_simulators.effects.drift import BaselineDistortionUnderresolved, RandomWalkDrift
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.random_walk_drift import RandomWalkDrift
 
 COARSE = Grid(101, 101, 30, 25, 20, 43)
 DRAWS = 99
@@ -55,14 +54,14 @@ def test_a_walk_is_believed_in_where_the_drift_wanders_and_nowhere_else(smooth: 
     walked = noise_scaled_baseline(observed(Conditions(71), (WANDER,), COARSE))
     step_px = 0.01 * np.sqrt(walked.design.observation.state.drift.spline.spacing)  # type: ignore[union-attr]
     assert 0.3 < wandering(walked) / step_px < 3.0
-    plain = [one.evidence for one in walked.points if one.prior_choice is not None and not one.prior_choice[0].random_walk_px]
+    plain = [item.evidence for item in walked.points if item.prior_choice is not None and not item.prior_choice[0].random_walk_px]
     assert walked.best.evidence > max(plain) + 50.0
 
 
 def test_drifts_that_could_follow_more_and_explain_less_are_not_asked(smooth: HyperparameterGrid) -> None:
-    beliefs = [one.prior_choice[0] for one in smooth.points if one.prior_choice is not None]
+    beliefs = [item.prior_choice[0] for item in smooth.points if item.prior_choice is not None]
     assert DriftPrior(0.0, 1.0) not in beliefs
-    assert all(one.evidence > smooth.best.evidence - 40.0 or one.occam_factor > smooth.best.occam_factor for one in smooth.points)
+    assert all(item.evidence > smooth.best.evidence - 40.0 or item.occam_factor > smooth.best.occam_factor for item in smooth.points)
 
 
 def test_a_drift_that_wanders_faster_than_its_knots_is_no_effect() -> None:
@@ -71,9 +70,9 @@ def test_a_drift_that_wanders_faster_than_its_knots_is_no_effect() -> None:
     assert (found.outcome, found.effects, found.coarse) == (Outcome.NONE, (), ("baseline_drift_underresolved",))
 
 
-def test_an_effect_is_named_beside_a_drift_that_wanders() -> None:
+def test_an_effect_is_named_next_to_a_drift_that_wanders() -> None:
     found = told((WANDER, *hidden_effect("magnification_drift", 0.4, 1)))
-    assert (found.outcome, [one.name for one in found.effects]) == (Outcome.IDENTIFIED, ["magnification_drift"])
+    assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["magnification_drift"])
     assert found.gap is not None
     assert found.gap.closure > 0.7
 
@@ -92,8 +91,8 @@ def test_what_draws_leave_of_held_out_frames_is_what_the_data_leave(smooth: Hype
 
 def test_a_row_time_that_is_named_surely_is_not_rejected_for_what_held_out_frames_cannot_know() -> None:
     bare = noise_scaled_baseline(observed(Conditions(20_013), hidden_effect("wrong_row_time", 0.3, 1), GRID))
-    (heard,) = score_candidates(bare, [effect_class("wrong_row_time")])
-    found = refined(bare, heard)
+    (received,) = score_candidates(bare, [effect_class("wrong_row_time")])
+    found = refined(bare, received)
     gap = held_out_misfit(bare, build_grid(bare.design.with_effects(found.baseline_effect)), 0)
     assert found.log_factor > 30.0
     assert gap.closure_interval[1] > 0.5

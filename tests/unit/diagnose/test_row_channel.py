@@ -25,33 +25,33 @@ def series(seed: int, pairs: int = 4, hz: float = 0.0, size_px: float = 0.0, jit
     found = []
     for _ in range(pairs):
         shape = (2, rows, PIECES)
-        one = RowSeries(
+        item = RowSeries(
             SIGMA_PX * rng.standard_normal(shape), np.full(shape, SIGMA_PX**-2.0), np.arange(3.0, 3.0 + rows),
             np.linspace(0.5 * WIDTH_PX, (PIECES - 0.5) * WIDTH_PX, PIECES), WIDTH_PX, 0.1071, 1e-4, PASSED,
         )  # fmt: skip
-        first, second = (np.sin(one.phase(hz) + phase) for phase in rng.uniform(0.0, 2.0 * np.pi, 2))
-        wave = size_px * float(one.observed_wave(hz)) * (second - first) * np.array([1.0, 0.5])[:, None, None]
+        first, second = (np.sin(item.phase(hz) + phase) for phase in rng.uniform(0.0, 2.0 * np.pi, 2))
+        wave = size_px * float(item.observed_wave(hz)) * (second - first) * np.array([1.0, 0.5])[:, None, None]
         anew = jitter_px * np.sqrt(1.0 + PASSED) * rng.standard_normal((rows, 1)) * np.array([1.0, 0.0])[:, None, None]
-        found.append(replace(one, shift_px=one.shift_px + wave + anew))
+        found.append(replace(item, shift_px=item.shift_px + wave + anew))
     return found
 
 
 def told(found: RowDiagnosis, name: str) -> dict[str, tuple[float, float]]:
-    (effect,) = [one for one in found.effects if one.name == name]
-    return {one.name: (one.value, one.sigma) for one in effect.parameters}
+    (effect,) = [item for item in found.effects if item.name == name]
+    return {item.name: (item.value, item.sigma) for item in effect.parameters}
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_nothing_is_named_where_nothing_is(seed: int) -> None:
     found = diagnose_rows(series(seed))
     assert (found.outcome, found.effects, found.gap) == (Outcome.NONE, (), None)
-    assert all(one.p_value > 0.01 for one in found.where)
+    assert all(item.p_value > 0.01 for item in found.where)
 
 
 @pytest.mark.parametrize(("hz", "name"), [(50.0, "mains_hum"), (120.0, "mains_hum"), (23.7, "vibration")])
 def test_a_wave_is_named_by_its_frequency(hz: float, name: str) -> None:
     found = diagnose_rows(series(5, hz=hz, size_px=0.04))
-    assert (found.outcome, [one.name for one in found.effects]) == (Outcome.IDENTIFIED, [name])
+    assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, [name])
     parameters = told(found, name)
     assert abs(parameters["frequency_hz"][0] - hz) < 4.0 * parameters["frequency_hz"][1] < 0.05
     # What four pairs show of it hangs on eight phases.
@@ -62,14 +62,14 @@ def test_a_wave_is_named_by_its_frequency(hz: float, name: str) -> None:
 
 def test_jitter_is_found_as_large_as_it_is_and_not_called_a_wave() -> None:
     found = diagnose_rows(series(6, jitter_px=0.2))
-    assert (found.outcome, [one.name for one in found.effects]) == (Outcome.IDENTIFIED, ["row_jitter"])
+    assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["row_jitter"])
     assert told(found, "row_jitter")["sd_x_px"][0] == pytest.approx(0.2, rel=0.08)  # 1,680 rows know it to 2 %
     assert told(found, "row_jitter")["sd_y_px"][0] < 0.02
 
 
 def test_a_slow_wave_is_not_called_jitter() -> None:
     found = diagnose_rows(series(7, hz=1.5, size_px=0.3, jitter_px=0.1))
-    assert [one.name for one in found.effects] == ["vibration", "row_jitter"]
+    assert [item.name for item in found.effects] == ["vibration", "row_jitter"]
     assert told(found, "row_jitter")["sd_x_px"][0] == pytest.approx(0.1, rel=0.1)
 
 
@@ -86,12 +86,12 @@ def test_between_rows_a_fast_wave_is_averaged_away() -> None:
     assert interpolated(0.5, between) == pytest.approx([1.0, 0.0], abs=1e-12)
     assert interpolated(0.1, between) == pytest.approx([1.0, 1.0], abs=0.01)
     assert interpolated(2.538, np.array([0.3])) == pytest.approx(interpolated(0.462, np.array([0.3])))
-    (one,) = series(1, pairs=1)
-    assert one.frames(50.0) == 2.0
-    assert replace(one, subrow_position=np.full(ROWS, 0.5)).frames(0.5 / 0.1071) == pytest.approx(1.0)
+    (item,) = series(1, pairs=1)
+    assert item.frames(50.0) == 2.0
+    assert replace(item, subrow_position=np.full(ROWS, 0.5)).frames(0.5 / 0.1071) == pytest.approx(1.0)
 
 
-def test_few_rows_are_said() -> None:
+def test_few_rows_are_reported() -> None:
     with pytest.raises(IllPosed, match="fewer than 100"):
         diagnose_rows(series(1, rows=90))
 
@@ -121,5 +121,5 @@ def test_rows_do_not_make_good_what_maps_cannot_explain(
 ) -> None:
     found = add_row_verdict(of_maps(outcome, *names), humming)
     assert found.outcome is joint
-    assert [one.name for one in found.effects] == [*names, "mains_hum"]
-    assert {"row_waves", "row_common"} <= {one.domain for one in found.where}
+    assert [item.name for item in found.effects] == [*names, "mains_hum"]
+    assert {"row_waves", "row_common"} <= {item.domain for item in found.where}

@@ -24,4 +24,4 @@ def test_results_come_in_the_order_of_what_was_asked() -> None:
 
 def test_what_work_raises_comes_out() -> None:
     with pytest.raises(ZeroDivisionError):
-        parallel_map(lambda one: 1 // one, [1, 0, 2])
+        parallel_map(lambda item: 1 // item, [1, 0, 2])

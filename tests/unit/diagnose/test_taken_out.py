@@ -24,7 +24,7 @@ from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult
 from semlive.data.settings import AnalysisSettings, SpecimenSettings
 from semlive.pipeline import effect_correction
-from semlive_simulators.effects.charging_local_lens import ChargingLocalLens
+from semlive_simulators.effects.charging import ChargingLocalLens
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
 NAME = "charging_local_lens"
@@ -78,7 +78,7 @@ def roughness(frame: FrameResult) -> float:
 def test_what_is_told_after_each_pair_is_without_the_effect(modelled: Said, bare: Said) -> None:
     assert [any(f"{NAME} taken out" in note.text for note in result.estimate.notes) for _, result in modelled] == [False] * 4 + [True] * 2
     assert "yet: 4 pairs with" in modelled[3][1].estimate.notes[-1].text
-    with_it, without = (roughness(said[-1][1].frames[1]) for said in (bare, modelled))
+    with_it, without = (roughness(printed[-1][1].frames[1]) for printed in (bare, modelled))
     assert without < 0.5 * with_it
 
 
@@ -87,14 +87,14 @@ def test_the_end_is_that_of_all_pairs_at_once(charging: list[HiddenPair], modell
     assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.apply_effect_model(begun)))
 
 
-def test_no_frame_is_told_anew_for_strain_that_only_changed_its_name(modelled: Said) -> None:
+def test_no_frame_is_told_again_for_strain_that_only_changed_its_name(modelled: Said) -> None:
     before, (begun, result) = modelled[3][0].reported, modelled[4]
-    sigma = max(one.summary.mean_sigma.eyy for one in begun.reported.values())
+    sigma = max(item.summary.mean_sigma.eyy for item in begun.reported.values())
     # What magnification and distortion had of the spot before, the effect has now.
     assert begun.model_correction.strain_of(7).eyy > 20.0 * sigma
-    for one in result.revised_frames:
-        old = before[one.summary.frame].summary
-        moved = [abs(getattr(one.summary.mean, of) - getattr(old.mean, of)) / getattr(old.mean_sigma, of) for of in ("exx", "eyy", "exy")]
+    for item in result.revised_frames:
+        old = before[item.summary.frame].summary
+        moved = [abs(getattr(item.summary.mean, of) - getattr(old.mean, of)) / getattr(old.mean_sigma, of) for of in ("exx", "eyy", "exy")]
         assert max(moved) > 0.9
 
 
@@ -117,8 +117,8 @@ def test_what_the_load_cell_does_by_itself_is_taken_off_the_loads() -> None:
         result = pipeline.finalise(pipeline.apply_effect_model(begun))
         assert result.elastic is not None
         moduli[name] = result.elastic.youngs_modulus_gpa
-        said = [note for note in result.messages if "load_cell_drift" in note] if effects else []
-        assert not effects or "taken off the loads" in said[0]
+        printed = [note for note in result.messages if "load_cell_drift" in note] if effects else []
+        assert not effects or "taken off the loads" in printed[0]
     assert abs(moduli["as read"].value - YOUNGS_GPA) > 5.0 * moduli["as read"].sigma
     assert abs(moduli["without drift"].value - YOUNGS_GPA) < 3.0 * moduli["without drift"].sigma
 
@@ -126,8 +126,8 @@ def test_what_the_load_cell_does_by_itself_is_taken_off_the_loads() -> None:
 def drifting(decision: PairDecision, rate_n_s: float) -> PairDecision:
     """Read with a load cell whose zero wanders."""
     assert decision.loads is not None
-    more_n = [rate_n_s * one.start_time_ns.value / 1e9 - rate_n_s * START_NS / 1e9 for one in (decision.first, decision.second)]
-    loads = [replace(one, mean_n=one.mean_n + more) for one, more in zip(decision.loads, more_n, strict=True)]
+    more_n = [rate_n_s * item.start_time_ns.value / 1e9 - rate_n_s * START_NS / 1e9 for item in (decision.first, decision.second)]
+    loads = [replace(item, mean_n=item.mean_n + more) for item, more in zip(decision.loads, more_n, strict=True)]
     return replace(decision, loads=(loads[0], loads[1]))
 
 

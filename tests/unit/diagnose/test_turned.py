@@ -30,10 +30,9 @@ from semlive.diagnose.two_runs.disc_basis import AFFINE, DiscDistortion, modes
 from semlive.diagnose.two_runs.scan_axes import ScanAxes, StageResponse, axes_between
 from semlive.diagnose.two_runs.scan_rotation import analyse_scan_rotation, fields_of, verdict
 from semlive.errors import IllPosed
-from semlive_simulators.effects.anisotropic_pixel import AnisotropicPixel
+from semlive_simulators.effects.image_field import AnisotropicPixel, ScanNonorthogonality
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.scan_nonlinearity import ScanNonlinearity
-from semlive_simulators.effects.scan_nonorthogonality import ScanNonorthogonality
+from semlive_simulators.effects.scan_deflection import ScanNonlinearity
 from semlive_simulators.microscope.scan import Scan
 
 Field = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -56,8 +55,13 @@ def both(seed: int, *effects: Effect, scan: Scan = ASKEW) -> tuple[Hyperparamete
 
 def told(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
     assert found.turned is not None
-    every = (found.turned.angle_rad, found.turned.x_excess, found.turned.skew, *(item for one in found.effects for item in one.parameters))
-    return {one.name: (one.value, one.sigma) for one in every}
+    every = (
+        found.turned.angle_rad,
+        found.turned.x_excess,
+        found.turned.skew,
+        *(item for entry in found.effects for item in entry.parameters),
+    )
+    return {entry.name: (entry.value, entry.sigma) for entry in every}
 
 
 def near(found: tuple[float, float], true: float, within: float) -> bool:
@@ -83,16 +87,16 @@ def test_a_distortion_of_the_column_is_nothing(plain: tuple[HyperparameterGrid, 
 def test_axes_are_named_each_with_its_own_sign() -> None:
     found = compare_runs(both(52, AnisotropicPixel(0.012), ScanNonorthogonality(-0.008)))
     assert found.outcome is Outcome.IDENTIFIED
-    assert [one.name for one in found.effects] == ["anisotropic_pixel", "scan_nonorthogonality"]
+    assert [entry.name for entry in found.effects] == ["anisotropic_pixel", "scan_nonorthogonality"]
     assert found.effect == found.effects[0]
     assert near(told(found)["x_excess"], 0.012, 2e-3)
     assert near(told(found)["skew_rad"], -0.008, 2e-3)
     assert found.effects[0].peak_px == pytest.approx(0.012 * 511.5, rel=0.3)
 
 
-def test_curved_ramps_are_told_from_a_lens_beside_them() -> None:
+def test_curved_ramps_are_told_from_a_lens_next_to_them() -> None:
     found = compare_runs(both(53, ScanNonlinearity(-0.3, 0.2, 0.0)))
-    assert [one.name for one in found.effects] == ["scan_nonlinearity"]
+    assert [entry.name for entry in found.effects] == ["scan_nonlinearity"]
     assert found.turned is not None
     assert found.turned.follows == "both"
     for name in ("quadratic_x_px", "quadratic_y_px"):
@@ -121,12 +125,14 @@ def carried(scan: NDArray[np.float64], seed: int, play_px: float = 0.0, reach_px
     """A stage of its own scale and skew, with play that is the same in every run, seen by a scan."""
     rng, commanded = np.random.default_rng(seed), np.array(square_px(reach_px))
     stage = np.array([[1.04, 0.05], [-0.03, 0.91]])
-    seen = (commanded @ stage.T + rng.normal(0.0, 0.05, commanded.shape) + play_px * np.random.default_rng(0).normal(size=(13, 2))) @ scan.T
+    observation = (
+        commanded @ stage.T + rng.normal(0.0, 0.05, commanded.shape) + play_px * np.random.default_rng(0).normal(size=(13, 2))
+    ) @ scan.T
     late = np.linspace(-1.0, 1.0, len(commanded))
     base = np.linalg.qr(np.stack([np.ones_like(late), late, late**2], axis=-1))[0]
-    moves, seen = (one - base @ (base.T @ one) for one in (commanded, seen))
-    by = np.linalg.lstsq(moves, seen, rcond=None)[0].T
-    return StageResponse(by, moves, seen - moves @ by.T)
+    moves, observation = (entry - base @ (base.T @ entry) for entry in (commanded, observation))
+    by = np.linalg.lstsq(moves, observation, rcond=None)[0].T
+    return StageResponse(by, moves, observation - moves @ by.T)
 
 
 @pytest.mark.parametrize("degrees", [90.0, -90.0, 45.0, 135.0])
@@ -147,7 +153,7 @@ def test_uncertainties_are_the_scatter_whether_both_runs_went_one_way_or_not() -
             found = axes_between(carried(np.eye(2), 2 * seed), carried(turning(90.0), 2 * seed + 1, reach_px=reach_px))
             assert found is not None
             assert found.freedom == freedom
-            off += [one.value / one.sigma for one in (found.x_excess, found.skew)]
+            off += [entry.value / entry.sigma for entry in (found.x_excess, found.skew)]
         assert 0.9 < float(np.std(off)) < 1.25  # of Student's t, 1.07 and 1.03
 
 
@@ -196,19 +202,19 @@ def nothing(at: NDArray[np.float64]) -> NDArray[np.float64]:
 )
 def test_a_distortion_belongs_where_it_stays(of_column: Field, of_scan: Field, follows: str) -> None:
     between, known, rng, sigma = turning(90.0), modes(), np.random.default_rng(3), 0.002
-    seen = []
+    observation = []
     for turn in (np.eye(2), between):
         field = of_column(known.at @ turn) @ turn.T + of_scan(known.at)  # E2(R) = T E1(T^-1 R)
         exact = known.project(field)[AFFINE:].T
-        seen.append(DiscDistortion(exact + rng.normal(0.0, sigma, exact.shape), sigma**2 * np.eye(exact.size), np.zeros((2, 2))))
+        observation.append(DiscDistortion(exact + rng.normal(0.0, sigma, exact.shape), sigma**2 * np.eye(exact.size), np.zeros((2, 2))))
     told_of_axes = (
         ParameterEstimate(name, value, 1e-3, "1") for name, value in (("turn_rad", 1.57), ("x_excess", 0.02), ("skew_rad", 0.0))
     )
     axes = ScanAxes(between, 1e-8 * np.eye(4), *told_of_axes, 20)
-    found = verdict(axes, fields_of(seen, axes, RADIUS_PX, HALF_PX), HALF_PX)
+    found = verdict(axes, fields_of(observation, axes, RADIUS_PX, HALF_PX), HALF_PX)
     assert found.turned is not None
     assert found.turned.follows == follows
-    named = {one.name for one in found.effects}
+    named = {entry.name for entry in found.effects}
     of_axes = {"anisotropic_pixel"} if follows != "neither" else set()  # another distortion has another affine part, too
     assert named == of_axes | ({"scan_nonlinearity"} if follows in ("scan", "both") else set())
     assert found.outcome is (Outcome.UNKNOWN if follows == "neither" else Outcome.IDENTIFIED if named else Outcome.NONE)

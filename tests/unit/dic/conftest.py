@@ -28,13 +28,13 @@ def lab():
 def scene(lab):
     """One speckled specimen in a small frame, with renderings kept."""
     speckle = lab.Speckle(300, 260)
-    kept = {}
+    stored = {}
 
     def render(motion=None):
         motion = motion or lab.Affine()
-        if motion not in kept:
-            kept[motion] = speckle.render(motion)
-        return kept[motion]
+        if motion not in stored:
+            stored[motion] = speckle.render(motion)
+        return stored[motion]
 
     return render
 

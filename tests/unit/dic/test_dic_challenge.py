@@ -56,7 +56,7 @@ def star5(lab):
     return sys.modules["bench_challenge_star"]
 
 
-def test_the_challenges_resolution_is_what_theory_says_of_a_line(star5):
+def test_the_challenges_resolution_is_what_theory_reports_of_a_line(star5):
     period = star5.period_px(np.arange(4000.0))
     assert period[[0, -1]] == pytest.approx([10.0, 299.93], abs=0.01)
     passed = np.sin(np.pi * 17 / period) / (17 * np.sin(np.pi / period))

@@ -38,7 +38,7 @@ def test_motion_that_may_reach_the_next_dot_stays_ambiguous():
     assert np.all(m.status == PoiStatus.AMBIGUOUS)
 
 
-def test_nothing_is_looked_for_beyond_what_was_said(lab, scene):
+def test_nothing_is_looked_for_beyond_what_was_reported(lab, scene):
     moved = lab.expose(scene(lab.Affine(u=20.0, v=1.0)), 3.0, 2)
     far = dic.match(lab.expose(scene(), 3.0, 1), moved, settings=DicSettings(**LARGE, search_px=10.0))
     assert not far.valid.any()

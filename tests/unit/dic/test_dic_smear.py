@@ -29,7 +29,7 @@ def frames(lab):
 
 
 def found(lab, frames, noise_grey, smear, seed=0):
-    first, second = (lab.expose(one, noise_grey, 2 * seed + number) for number, one in enumerate(frames))
+    first, second = (lab.expose(item, noise_grey, 2 * seed + number) for number, item in enumerate(frames))
     grid = dic.grid_for(SETTINGS, first.shape[1], first.shape[0])
     reference = dic.prepare(first, grid, SETTINGS)
     return correlate_with_matched_blur(reference, second, SETTINGS, smear, reference_frame=0, current_frame=2)
@@ -39,10 +39,10 @@ def test_what_is_lacking_makes_them_alike(lab, frames):
     smear = missing_blur(IntegrationBlur(*FAST, SCANS), IntegrationBlur(*SLOW, SCANS))
     assert smear is not None
     assert (smear.step_x_px / smear.step_y_px) == pytest.approx(FAST[0] / FAST[1], rel=0.02)
-    as_they_are, alike = (found(lab, frames, 0.0, one) for one in (None, smear))
+    as_they_are, alike = (found(lab, frames, 0.0, item) for item in (None, smear))
     assert as_they_are.valid.all()
     assert alike.valid.all()
-    before, after = (np.std(one.u_px - 3.3) for one in (as_they_are, alike))
+    before, after = (np.std(item.u_px - 3.3) for item in (as_they_are, alike))
     assert before > 0.012
     assert after < 0.25 * before
     assert abs(np.mean(alike.u_px) - 3.3) < 2e-3
@@ -53,9 +53,9 @@ def test_sigma_is_still_what_is_found(lab, frames):
     smear = missing_blur(IntegrationBlur(*FAST, SCANS), IntegrationBlur(*SLOW, SCANS))
     drawn = [found(lab, frames, 7.0, smear, seed) for seed in range(10)]
     for name in ("u_px", "v_px"):
-        values = np.array([getattr(one, name) for one in drawn])
+        values = np.array([getattr(item, name) for item in drawn])
         noise = np.sqrt(np.mean(np.var(values, axis=0, ddof=1)))
-        stated = np.sqrt(np.mean([getattr(one, f"sigma_{name}") ** 2 for one in drawn]))
+        stated = np.sqrt(np.mean([getattr(item, f"sigma_{name}") ** 2 for item in drawn]))
         assert stated / noise == pytest.approx(1.0, abs=0.1)
 
 
@@ -66,7 +66,7 @@ def test_a_frame_that_is_smeared_as_much_or_more_stays_as_it_is(lab, frames):
     assert missing_blur(None, fast) is None
     assert missing_blur(IntegrationBlur(*FAST, 1), IntegrationBlur(0.0, 0.0, 1)) is None
     same = found(lab, frames, 2.0, None)
-    again = dic.match(*(lab.expose(one, 2.0, number) for number, one in enumerate(frames)), same.grid, SETTINGS)
+    again = dic.match(*(lab.expose(item, 2.0, number) for number, item in enumerate(frames)), same.grid, SETTINGS)
     assert np.array_equal(same.u_px, again.u_px)
 
 

@@ -8,11 +8,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.dic.global_method import block_tridiagonal
+from semlive.dic.global_method.coarse import find_blocks
 from semlive.formats.log.maps import decode_map, encode_map
 
 SIZE = 192
@@ -100,6 +102,22 @@ def test_unrelated_frames_are_refused(method):
     m = dic.match(raster(1, moved=False, exposure=1), raster(2, moved=False, exposure=2), settings=settings)
     assert not m.valid.any()
     assert m.status.max() > PoiStatus.CONVERGED
+
+
+@pytest.mark.parametrize("kind", ["one grey level", "white", "coarse"])
+def test_noise_without_a_common_pattern_is_refused(kind):
+    """Without the neighbours 28 of 100 pairs of coarse noise passed."""
+    shape = (221, 256)
+    for seed in range(1000, 1012):
+        random = np.random.default_rng(seed)
+        frames = []
+        for _ in range(2):
+            noise = random.normal(size=shape)
+            if kind == "coarse":
+                noise = gaussian_filter(noise, 4.0) * 12.0 + 0.6 * random.normal(size=shape)
+            frames.append(np.floor(128.0 + (0.2 if kind == "one grey level" else 5.0) * noise).astype(np.float32))
+        blocks = find_blocks(*frames)
+        assert blocks.ambiguous or not blocks.sufficient
 
 
 def test_a_regular_lattice_is_ambiguous():

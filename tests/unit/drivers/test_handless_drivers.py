@@ -64,13 +64,13 @@ def test_a_hand_is_told_in_pixels_and_directions(dx_um: float, dy_um: float, um_
 
 
 def test_a_stage_moved_by_hand_moves_until_it_is_confirmed() -> None:
-    said: list[str] = []
+    printed: list[str] = []
     enter: queue.Queue[str] = queue.Queue()
-    console = Console(lambda: iter(enter.get, ""), said.append)
+    console = Console(lambda: iter(enter.get, ""), printed.append)
     stage = by_hand.open_stage({"um_per_px": 1.25}, Clock(), console=console)
     assert isinstance(stage, Stage)
     stage.move_to(10.0, 0.0)
-    assert said == ["move the specimen about 8 px (10.0 um) right in the image, then press enter"]
+    assert printed == ["move the specimen about 8 px (10.0 um) right in the image, then press enter"]
     assert (stage.read().motion, stage.read().x_um) == (MotionState.MOVING, 0.0)
     enter.put("\n")
     end_s = time.monotonic() + 100
@@ -79,7 +79,7 @@ def test_a_stage_moved_by_hand_moves_until_it_is_confirmed() -> None:
     assert stage.read().x_um == 10.0
     stage.move_to(0.0, 0.0)
     stage.stop()
-    assert said[-1] == "do not move the specimen any more"
+    assert printed[-1] == "do not move the specimen any more"
     assert (stage.read().motion, stage.read().x_um) == (MotionState.STOPPED, 10.0)
     enter.put("")
     stage.close()

@@ -41,7 +41,7 @@ def test_what_is_no_finite_number_is_no_reading(registers: tuple[int, int]) -> N
         decode(RegisterPoint(Kind.INPUT, 4, DType.F32), registers)
 
 
-def test_a_gage_with_a_broken_wire_says_nothing_and_does_not_end_the_link() -> None:
+def test_a_gage_with_a_broken_wire_reports_nothing_and_does_not_end_the_link() -> None:
     point = RegisterPoint(Kind.INPUT, 301, DType.F32, scale=1e-6)
     assert decode_optional(point, (0x7FC0, 0)) is None
     assert decode_optional(point, (0x42C6, 0x8000)) == pytest.approx(99.25e-6)

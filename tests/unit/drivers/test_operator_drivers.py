@@ -97,7 +97,7 @@ def test_a_hand_brings_a_load_and_types_it(desk: Desk) -> None:
     frame.close()
 
 
-def test_a_file_tells_the_load_and_when_it_is_there(desk: Desk, tmp_path: Path) -> None:
+def test_a_file_reports_the_load_and_when_it_is_there(desk: Desk, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("Time (s);Force (kN);Extension (mm)\n0,0;0,010;0,00\n", encoding="latin-1")
     file = {"file": str(path), "decimal_comma": True, "encoding": "latin-1", "frozen_after_s": 100.0}
@@ -165,7 +165,7 @@ def test_the_newest_of_several_files_is_read(tmp_path: Path) -> None:
         ({"file": "none.csv", "force": {"column": 1, "unit": "stone"}}, BadConfig, "unit 'stone' is not known"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_said(file: dict[str, object], error: type[Exception], sentence: str) -> None:
+def test_what_is_wrong_with_a_file_is_reported(file: dict[str, object], error: type[Exception], sentence: str) -> None:
     with pytest.raises(error, match=sentence):
         open_assembled({"cell": {"protocol": "csv", **file}}, Clock())
 
@@ -179,13 +179,13 @@ def test_a_trigger_asks_the_operator(desk: Desk) -> None:
 
 
 def test_a_line_goes_to_whoever_asked_last(desk: Desk) -> None:
-    heard: list[str] = []
-    desk.console.ask("first?", lambda line: heard.append(f"first {line}") is None)
-    desk.console.ask("second?", lambda line: heard.append(f"second {line}") is None)
+    received: list[str] = []
+    desk.console.ask("first?", lambda line: received.append(f"first {line}") is None)
+    desk.console.ask("second?", lambda line: received.append(f"second {line}") is None)
     for line in ("a", "b", "c"):
         desk.types(line)
-    until(lambda: len(heard) == 2)
-    assert heard == ["second a", "first b"]
+    until(lambda: len(received) == 2)
+    assert received == ["second a", "first b"]
 
 
 def test_a_stop_is_displayed_as_long_as_the_load_of_the_file_changes_after_arrival(desk: Desk, tmp_path: Path) -> None:

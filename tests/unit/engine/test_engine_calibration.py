@@ -64,7 +64,7 @@ def test_the_load_waits_for_the_newest_pairs_judgement() -> None:
     run.reach(State.IMAGING)
     pair(run)
     assert run.state.state is State.COMPLETE
-    assert [one.cause for one in run.of(Transition)].count(Cause.CALIBRATION_CHECK) == 1
+    assert [item.cause for item in run.of(Transition)].count(Cause.CALIBRATION_CHECK) == 1
 
 
 def test_a_refused_calibration_pauses_with_its_figures_and_the_operators_word_loads_all_the_same() -> None:
@@ -107,7 +107,7 @@ def test_the_warm_up_gate_comes_after_it() -> None:
         run = calibrated(refused, warm_up=WarmUp(0.01, 1800.0))
         if refused:
             run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
-        assert [one.after for one in run.of(Transition)].count(State.WARM_UP) == 1
+        assert [item.after for item in run.of(Transition)].count(State.WARM_UP) == 1
         assert run.of(RampTo) == []
 
 
@@ -116,7 +116,7 @@ def test_an_interrupted_run_asks_again_unless_it_was_loaded() -> None:
         run = calibrated("")
         if pairs == 3:
             pair(run)
-        done = tuple(one.decision for one in run.accepted)
+        done = tuple(item.decision for item in run.accepted)
         plan = gated((HERE, None), (THERE, None), (HERE, 100.0), (HERE, 200.0))
         before = InterruptedRun(
             done, (7.0, -3.0), run.state.devices.load, run.state.devices.position, calibration_assessment=CalibrationAssessed(9 * S, 1, WHY)

@@ -155,7 +155,7 @@ def test_stop_waits_for_the_devices_word(state: State) -> None:
     assert run.of(FinishRun) == [FinishRun(State.ABORTED, "the run was stopped; load and position are held")]
 
 
-def test_a_stop_that_is_never_confirmed_says_so() -> None:
+def test_a_stop_that_is_never_confirmed_reports_so() -> None:
     run = run_in(State.RAMPING)
     run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
     run.has_load = run.has_stage = False

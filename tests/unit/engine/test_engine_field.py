@@ -61,8 +61,8 @@ def test_a_field_that_lies_well_is_left_where_it_is() -> None:
     assert recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (4.9, -4.9))) == plan
     once = recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (5.1, -4.9)))
     assert once.steps[1].shift_um == pytest.approx((4.0 - 2.55, 2.45))
-    kept = recentre(once, LIMITS, 2, FieldOfViewMeasured(0, 1, (8.0 + 1.0, 0.5)))
-    assert kept.steps[2].shift_um == pytest.approx((8.0 - 2.55, 2.45)), "what was taken back before stays taken back"
+    stored = recentre(once, LIMITS, 2, FieldOfViewMeasured(0, 1, (8.0 + 1.0, 0.5)))
+    assert stored.steps[2].shift_um == pytest.approx((8.0 - 2.55, 2.45)), "what was taken back before stays taken back"
 
 
 @pytest.mark.parametrize(("seen_px", "target_um"), [(900.0, -100.0), (-900.0, 100.0)])

@@ -46,7 +46,7 @@ def interrupted(pairs: int, plan: object = PLAN, until: State = State.IMAGING) -
         run.scan()
     if pairs < len(run.plan.steps):
         run.reach(until)
-    done = tuple(one.decision for one in run.accepted)
+    done = tuple(item.decision for item in run.accepted)
     return run, InterruptedRun(
         done, (7.0, -3.0), run.state.devices.load, run.state.devices.position, None, 0.2, ramping=run.state.state is State.RAMPING
     )
@@ -68,7 +68,7 @@ def test_it_asks_first_and_then_enters_the_step_again_in_full(pairs: int, state:
     run, before = interrupted(pairs, until=state)
     if state is State.IMAGING:
         run.scan()
-    assert before == replace(before, completed_pairs=tuple(one.decision for one in run.accepted))
+    assert before == replace(before, completed_pairs=tuple(item.decision for item in run.accepted))
     taken_up(run, before)
     run.wait(40.0)
     assert run.state.state is State.RESUMING
@@ -84,7 +84,7 @@ def test_it_asks_first_and_then_enters_the_step_again_in_full(pairs: int, state:
         run.scan()
         run.scan()
     assert run.state.state is State.COMPLETE
-    assert [one.decision.pair for one in run.accepted] == list(range(pairs, len(PLAN.steps)))
+    assert [item.decision.pair for item in run.accepted] == list(range(pairs, len(PLAN.steps)))
 
 
 def test_a_run_without_stage_needs_none() -> None:
@@ -101,7 +101,7 @@ def test_after_its_last_pair_nothing_is_asked_of_any_device() -> None:
     run, before = interrupted(3)
     taken_up(run, before)
     assert run.state.state is State.COMPLETE
-    assert [type(one) for one in run.commands if isinstance(one, MoveStage | RampTo | StopMotion)] == []
+    assert [type(item) for item in run.commands if isinstance(item, MoveStage | RampTo | StopMotion)] == []
     assert len(run.of(FinishRun)) == 1
 
 

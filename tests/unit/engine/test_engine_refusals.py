@@ -8,6 +8,7 @@ import pytest
 
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, Sourced
+from semlive.data.scan_geometry import ScanGeometry
 from semlive.engine import FrameScanned, FrameUnreadable, LinkStale, OperatorAction, OperatorCommand, State
 from semlive.engine.events import Device
 from semlive.engine.frame_selection import difference
@@ -43,7 +44,7 @@ def test_a_frame_that_began_before_the_hold_ended() -> None:
     assert run.state.state is State.IMAGING
 
 
-def test_a_frame_that_only_may_have_begun_too_early_counts_as_too_early(imaging: Run) -> None:
+def test_a_frame_that_only_may_have_started_too_early_counts_as_too_early(imaging: Run) -> None:
     end_ns = imaging.state.hold.end_ns
     imaging.scan(end_ns + round(0.89 * S))
     assert "may have begun 0.0 s before" in only_reason(imaging)
@@ -145,6 +146,18 @@ def test_focus_that_is_changed_inside_a_pair_costs_its_first_frame(imaging: Run)
         imaging.tell(FrameScanned(imaging.now_ns, replace(info, column=column)))
         imaging.wait(1.0)
     assert only_reason(imaging) == "frame0000.tif is not used: the frame after it has working distance 0.011 m instead of 0.01 m"
+
+
+def test_tilt_correction_that_is_switched_on_inside_a_pair_costs_its_first_frame(imaging: Run) -> None:
+    imaging.wait(2.0)
+    for number, is_on in enumerate((False, True)):
+        info = frame(number, imaging.now_ns)
+        imaging.wait(92.0)
+        geometry = ScanGeometry(tilt_correction=Sourced(is_on, Provenance.FILE))
+        imaging.tell(FrameScanned(imaging.now_ns, replace(info, geometry=geometry)))
+        imaging.wait(1.0)
+    assert only_reason(imaging) == "frame0000.tif is not used: the frame after it has tilt correction on instead of off"
+    assert imaging.accepted == []
 
 
 def test_a_load_that_leaves_tolerance_costs_the_pair_its_first_frame(imaging: Run) -> None:

@@ -43,7 +43,7 @@ def held(*loads_n: float) -> FrameByHand:
 
 
 def codes(run: Run) -> list[FaultCode]:
-    return [one.code for one in run.of(Transition) if one.code is not None]
+    return [item.code for item in run.of(Transition) if item.code is not None]
 
 
 def test_a_load_that_somebody_raised_in_the_hold_is_a_fault_and_is_not_driven_back() -> None:
@@ -167,7 +167,7 @@ def test_a_calibration_under_load_is_refused_before_it_begins() -> None:
     run.reach(State.HOLDING)
 
 
-def test_an_intended_preload_is_said_in_the_limits() -> None:
+def test_an_intended_preload_is_reported_in_the_limits() -> None:
     plan = plan_of((HERE, None))
     step = replace(plan.steps[0], phase=Phase.CALIBRATION)
     run = FrameByHand(replace(plan, steps=(step,), limits=replace(LIMITS, unloaded_max_n=360.0)), force_n=350.0)

@@ -43,7 +43,7 @@ def test_a_run_goes_step_by_step_to_complete() -> None:
     assert run.force_n == 400.0
 
 
-def test_the_stage_moves_before_the_load_and_never_beside_it() -> None:
+def test_the_stage_moves_before_the_load_and_never_next_to_it() -> None:
     run = Run(plan_of((HERE, 0.0), ((10.0, 5.0), 400.0)))
     run.begin()
     run.reach(State.IMAGING)

@@ -51,7 +51,7 @@ def test_stop_and_abort_work_everywhere_before_the_end() -> None:
             assert next_state(state, Cause.STOP) is State.STOPPING
 
 
-def test_a_state_cannot_be_set_beside_the_table() -> None:
+def test_a_state_cannot_be_set_next_to_the_table() -> None:
     turn = StepContext(Run(plan_of(((0.0, 0.0), None))).state)
     with pytest.raises(TypeError, match="changes by transition"):
         turn.update(state=State.IMAGING)  # pyright: ignore[reportCallIssue]
@@ -86,7 +86,7 @@ def test_the_history_is_bounded_and_in_order() -> None:
     history = LoadHistory(keep_ns=100 * S)
     for i in range(5000):
         history = history.with_sample(i * S, 0.0)
-    kept = history.between(0, 10_000 * S)
-    assert 100 <= len(kept) <= 100 + 3 * 256
-    assert kept[-1][0] == 4999 * S
+    stored = history.between(0, 10_000 * S)
+    assert 100 <= len(stored) <= 100 + 3 * 256
+    assert stored[-1][0] == 4999 * S
     assert history.with_sample(10 * S, 1.0) is history

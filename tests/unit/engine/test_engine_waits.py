@@ -62,16 +62,16 @@ def test_nothing_is_loaded_before_the_drift_is_expected_to_be_slow() -> None:
     assert run.of(RampTo) == []
     pair(run, 0.006, 0.002)
     assert run.state.state in (State.RAMPING, State.SETTLING)
-    assert [one.force_n for one in run.of(RampTo)] == [100.0]
+    assert [item.force_n for item in run.of(RampTo)] == [100.0]
     assert run.of(Transition)[-2].cause is Cause.WARMED_UP or run.of(Transition)[-1].cause is Cause.WARMED_UP
     pair(run, 1.0)
     pair(run, 1.0)
     assert run.state.state is State.COMPLETE
-    steps = [one.decision.step for one in run.accepted]
-    assert [one.step for one in steps] == list(range(7))
-    assert [one.warm_up for one in steps] == [False, False, True, True, True, False, False]
-    assert [one.load_n for one in steps] == [None, None, None, None, None, 100.0, 200.0]
-    assert {one.shift_um for one in steps[2:]} == {HERE}
+    steps = [item.decision.step for item in run.accepted]
+    assert [item.step for item in steps] == list(range(7))
+    assert [item.warm_up for item in steps] == [False, False, True, True, True, False, False]
+    assert [item.load_n for item in steps] == [None, None, None, None, None, 100.0, 200.0]
+    assert {item.shift_um for item in steps[2:]} == {HERE}
 
 
 def test_a_plan_that_begins_with_a_load_is_measured_first() -> None:
@@ -81,7 +81,7 @@ def test_a_plan_that_begins_with_a_load_is_measured_first() -> None:
     pair(run, 0.001)
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
-    assert [one.decision.step.warm_up for one in run.accepted] == [True]
+    assert [item.decision.step.warm_up for item in run.accepted] == [True]
 
 
 def test_the_gate_may_be_before_the_calibration() -> None:
@@ -90,7 +90,7 @@ def test_the_gate_may_be_before_the_calibration() -> None:
     pair(run, 0.08)
     pair(run, 0.001)
     pair(run, 0.08)
-    assert [one.decision.step.warm_up for one in run.accepted] == [False, True, False]
+    assert [item.decision.step.warm_up for item in run.accepted] == [False, True, False]
     assert run.state.state is State.COMPLETE
 
 
@@ -139,14 +139,18 @@ def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
     pair(run, 0.08)
     pair(run, 0.04)
     before = InterruptedRun(
-        tuple(one.decision for one in run.accepted),
+        tuple(item.decision for item in run.accepted),
         (7.0, -3.0),
         run.state.devices.load,
         run.state.devices.position,
         drift_forecast=run.state.analysis.drift_forecast if known else None,
     )
     run.state = start(plan, run.now_ns, interrupted_run=before)
-    assert [(one.step, one.warm_up, one.load_n) for one in run.state.plan.steps] == [(0, False, None), (1, True, None), (2, False, 100.0)]
+    assert [(item.step, item.warm_up, item.load_n) for item in run.state.plan.steps] == [
+        (0, False, None),
+        (1, True, None),
+        (2, False, 100.0),
+    ]
     run.tell(LinksOpening(run.now_ns))
     run.readings()
     run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
@@ -158,15 +162,15 @@ def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
     run.reach(State.IMAGING)
     run.scan()
     run.scan()
-    assert [one.decision.step.warm_up for one in run.accepted] == [False, True, True, False]
+    assert [item.decision.step.warm_up for item in run.accepted] == [False, True, True, False]
     assert run.state.state is State.COMPLETE
 
 
 def held_s(run: Run) -> float:
     """How long the last hold was."""
-    (held,) = [value for one in run.of(Transition) if one.cause is Cause.HOLD_COMPLETE for name, value in one.details if name == "held_s"][
-        -1:
-    ]
+    (held,) = [
+        value for item in run.of(Transition) if item.cause is Cause.HOLD_COMPLETE for name, value in item.details if name == "held_s"
+    ][-1:]
     return float(held)
 
 
@@ -250,11 +254,11 @@ def test_drift_seen_in_an_earlier_hold_does_not_count() -> None:
 
 
 def test_a_forecast_is_read_between_its_scans() -> None:
-    seen = DriftForecastUpdated(0, 0, ((0, 0.1, 0.0), (10 * S, 0.2, 0.02), (20 * S, 0.4, 0.04)))
-    assert drift_rate(seen, -S) == (0.1, 0.0)
-    assert drift_rate(seen, 5 * S) == pytest.approx((0.15, 0.01))
-    assert drift_rate(seen, 20 * S) == (0.4, 0.04)
-    assert drift_rate(seen, 99 * S) == (0.4, 0.04)
+    observed = DriftForecastUpdated(0, 0, ((0, 0.1, 0.0), (10 * S, 0.2, 0.02), (20 * S, 0.4, 0.04)))
+    assert drift_rate(observed, -S) == (0.1, 0.0)
+    assert drift_rate(observed, 5 * S) == pytest.approx((0.15, 0.01))
+    assert drift_rate(observed, 20 * S) == (0.4, 0.04)
+    assert drift_rate(observed, 99 * S) == (0.4, 0.04)
     assert drift_rate(None, 0) == (math.inf, math.inf)
 
 
@@ -263,6 +267,6 @@ def test_pairs_of_a_warm_up_do_not_count_as_steps_of_the_plan() -> None:
     run.begin()
     pair(run, 0.08)
     pair(run, 0.04)
-    done = tuple(one.decision for one in run.accepted)
+    done = tuple(item.decision for item in run.accepted)
     with pytest.raises(BadInput, match="of a plan of 0 steps"):
         InterruptedRun(done).steps_of(replace(run.plan, steps=()))

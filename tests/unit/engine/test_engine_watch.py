@@ -22,21 +22,21 @@ def problems(
     forces: list[float], *, every_s: float = 0.05, extensions: list[float] | None = None, target_n: float | None = None
 ) -> list[str]:
     """What is said of readings one after the other; they move if they have extensions."""
-    watch, said = INITIAL, []
+    watch, printed = INITIAL, []
     for number, force_n in enumerate(forces):
         extension_mm = 0.0 if extensions is None else extensions[number]
         motion = MotionState.STOPPED if extensions is None else MotionState.MOVING
         to_n = forces[0] if target_n is None else target_n
         sample = LoadSample(number, T0 + round(number * every_s * S), 0, force_n, extension_mm, motion, to_n)
         watch, problem = watch.with_sample(WATCHED, sample)
-        said += [] if problem is None else [problem]
-    return said
+        printed += [] if problem is None else [problem]
+    return printed
 
 
 @pytest.mark.parametrize("every_s", [0.05, 1.0])
 def test_a_sudden_fall_is_told_once(every_s: float) -> None:
-    (said,) = problems([500.0] * 20 + [430.0] * 20, every_s=every_s)
-    assert "the load fell by 70 N to 430 N within" in said
+    (printed,) = problems([500.0] * 20 + [430.0] * 20, every_s=every_s)
+    assert "the load fell by 70 N to 430 N within" in printed
     assert problems([500.0] * 20 + [460.0] * 20, every_s=every_s) == []
     assert len(problems([-500.0] * 20 + [0.0] * 20, every_s=every_s)) == 1
 
@@ -60,8 +60,8 @@ def test_a_load_that_runs_away_is_told() -> None:
 
 def test_a_crosshead_that_pulls_nothing_is_told() -> None:
     ran = [0.002 * n for n in range(60)]
-    (said,) = problems([3.0] * 60, extensions=ran)
-    assert "the crosshead ran 0.102 mm while the load stayed at 3 N" in said
+    (printed,) = problems([3.0] * 60, extensions=ran)
+    assert "the crosshead ran 0.102 mm while the load stayed at 3 N" in printed
     assert problems([2.0 * n for n in range(60)], extensions=ran) == []
 
 
@@ -96,7 +96,7 @@ def test_the_engine_stops_and_holds_after_a_fall(state: State) -> None:
     assert run.state.state is State.FAULT
     assert "the load fell by" in run.state.message
     run.wait(100.0)
-    assert [one for one in run.commands[commands:] if isinstance(one, RampTo)] == []
+    assert [item for item in run.commands[commands:] if isinstance(item, RampTo)] == []
 
 
 @pytest.mark.parametrize("trouble", list(DeviceFault))
@@ -148,15 +148,15 @@ def test_from_an_emergency_while_connecting_the_operator_leads_back() -> None:
     assert run.force_n == 200.0
 
 
-def test_a_stop_waits_as_long_as_is_configured_and_says_for_whom() -> None:
+def test_a_stop_waits_as_long_as_is_configured_and_reports_for_whom() -> None:
     run = Run(replace(plan_of((HERE, 200.0)), limits=replace(LIMITS, stop_timeout_s=6.0)))
     run.begin()
     run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
     run.has_load = False
     run.wait(4.0)
     assert run.state.state is State.STOPPING
-    told = [one.text for one in run.of(Notify) if one.text.startswith("waiting for")]
-    assert told == ["waiting for confirmation of the stop by the load frame, at most 6 s; abort ends without it"]
+    reported = [item.text for item in run.of(Notify) if item.text.startswith("waiting for")]
+    assert reported == ["waiting for confirmation of the stop by the load frame, at most 6 s; abort ends without it"]
     run.wait(3.0)
     assert run.state.state is State.ABORTED
     assert "the load frame did not" in run.state.message

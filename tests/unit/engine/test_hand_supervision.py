@@ -19,12 +19,12 @@ LIMITS = Limits(-50.0, 400.0, -1.0, 2.0, force_rate_max_n_s=200.0, force_step_ma
 
 def pulled(shown: Callable[[float, float], float], to_n: float = 1000.0) -> tuple[Finding | None, float]:
     """What is found while a person pulls, and the true load in N then; `shown` gives the reading of a true load and of uniform noise."""
-    rng, seen = random.Random(1), HandSupervision(LIMITS).ordered(RATE_N_S, TOLERANCE_N)
+    rng, observed = random.Random(1), HandSupervision(LIMITS).ordered(RATE_N_S, TOLERANCE_N)
     for number in range(round(to_n / RATE_N_S / ROW_S)):
         time_ns, true_n = round(number * ROW_S * 1e9), number * ROW_S * RATE_N_S
         force_n = shown(true_n, rng.uniform(-0.1, 0.1))
         sample = LoadSample(number, time_ns, time_ns, force_n, true_n / STIFFNESS_N_MM, MotionState.MOVING, 300.0)
-        seen, finding = seen.with_sample(sample)
+        observed, finding = observed.with_sample(sample)
         if finding is not None:
             return finding, true_n
     return None, to_n
@@ -53,10 +53,10 @@ def test_a_reading_that_follows_stops_nobody(step_n: float) -> None:
 
 
 def test_pauses_and_returns_stop_nobody() -> None:
-    seen = HandSupervision(LIMITS).ordered(RATE_N_S, TOLERANCE_N)
+    observed = HandSupervision(LIMITS).ordered(RATE_N_S, TOLERANCE_N)
     for number, true_n in enumerate([*range(0, 200, 2), *[200] * 100, *range(200, 100, -2), *range(100, 300, 2)]):
         sample = LoadSample(
             number, number * 50_000_000, number * 50_000_000, float(true_n), true_n / STIFFNESS_N_MM, MotionState.MOVING, 300.0
         )
-        seen, finding = seen.with_sample(sample)
+        observed, finding = observed.with_sample(sample)
         assert finding is None

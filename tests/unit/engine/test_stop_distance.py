@@ -22,7 +22,7 @@ from semlive_drivers.modbus.settings import ModbusSettings
 from semlive_drivers.modbus.tcp.blind import CONNECT_S
 from semlive_drivers.text.part import TextSettings
 
-from .test_supervision import DRIVE, LIMITS, LOAD, STIFFNESS, Machine, all_frozen_from, frozen_from
+from .ramp_machine import DRIVE, LIMITS, LOAD, STIFFNESS, Machine, all_frozen_from, frozen_from
 
 CASE = RampCase(LIMITS, start_n=0.0, target_n=300.0, rate_n_s=30.0, tolerance_n=3.0, poll_s=0.05)
 DRIVEN = replace(CASE, control=ControlMode.DISPLACEMENT, stiffness_n_mm=STIFFNESS)
@@ -30,7 +30,7 @@ RATES = (2.0, 5.0, 30.0)
 
 
 def row_of(case: RampCase, code: FaultCode, fault: str = "") -> StopDistance:
-    (row,) = [one for one in stop_distances(case) if one.code is code and fault in one.fault]
+    (row,) = [item for item in stop_distances(case) if item.code is code and fault in item.fault]
     return row
 
 
@@ -100,7 +100,7 @@ TRIALS = {
 
 @pytest.mark.parametrize("name", TRIALS)
 @pytest.mark.parametrize("poll_s", [0.05, 0.2])
-def test_no_machine_goes_farther_than_its_row_says(name: str, poll_s: float) -> None:
+def test_no_machine_goes_farther_than_its_row_reports(name: str, poll_s: float) -> None:
     trial = TRIALS[name]
     base = CASE if trial.identity is LOAD else DRIVEN
     nearest = 0.0
@@ -132,7 +132,7 @@ def stopped_at(machine: Machine, trial: Trial, case: RampCase) -> float:
 
 @pytest.mark.parametrize("sigma_n", [0.5, 2.0])
 @pytest.mark.parametrize("identity", [LOAD, DRIVE], ids=["load", "displacement"])
-def test_a_noisy_cell_that_saturates_goes_no_farther_than_its_row_says(sigma_n: float, identity: DeviceIdentity) -> None:
+def test_a_noisy_cell_that_saturates_goes_no_farther_than_its_row_reports(sigma_n: float, identity: DeviceIdentity) -> None:
     base = CASE if identity is LOAD else DRIVEN
     case = replace(base, tolerance_n=15.0, noticeable_n=noticeable_n(sigma_n, 0.0))
     code = FaultCode.NO_RESPONSE if identity is LOAD else FaultCode.TRAVEL_WITHOUT_LOAD
@@ -175,18 +175,18 @@ def test_everything_at_rest_frozen_is_bounded_by_the_settle_time() -> None:
 
 
 def test_a_lost_link_ends_at_the_target_and_the_watchdog_bounds_it_sooner() -> None:
-    silent, cut = (one for one in stop_distances(CASE) if one.code is FaultCode.LINK_LOST)
+    silent, cut = (item for item in stop_distances(CASE) if item.code is FaultCode.LINK_LOST)
     assert silent.seconds == pytest.approx(0.05 + 0.3 + 0.3)
     assert silent.beyond_n == pytest.approx(30.0 * 0.65)
     assert (cut.beyond_n, cut.worst_n, cut.seconds) == (300.0, 300.0, 10.0)
-    _, watched = (one for one in stop_distances(replace(CASE, watchdog_s=2.0)) if one.code is FaultCode.LINK_LOST)
+    _, watched = (item for item in stop_distances(replace(CASE, watchdog_s=2.0)) if item.code is FaultCode.LINK_LOST)
     assert watched.beyond_n == pytest.approx(30.0 * 2.05)
-    _, driven = (one for one in stop_distances(DRIVEN) if one.code is FaultCode.LINK_LOST)
+    _, driven = (item for item in stop_distances(DRIVEN) if item.code is FaultCode.LINK_LOST)
     assert driven.beyond_n == pytest.approx(15.0)
     assert driven.travel_mm == pytest.approx(15.0 / STIFFNESS)
 
 
-def test_nothing_bounds_a_device_that_does_not_obey_and_it_is_said() -> None:
+def test_nothing_bounds_a_device_that_does_not_obey_and_it_is_reported() -> None:
     row = row_of(CASE, FaultCode.STOP_NOT_OBEYED)
     assert (row.beyond_n, row.worst_n) == (None, None)
     assert "emergency stop" in row.remark
@@ -205,8 +205,10 @@ def test_the_worst_row_is_named_and_what_exceeds_the_limit_is_known() -> None:
 def test_compression_is_the_mirror_image() -> None:
     down = replace(CASE, target_n=-300.0, limits=replace(LIMITS, force_min_n=-400.0, force_max_n=400.0))
     up = replace(CASE, limits=down.limits)
-    assert [one.worst_n for one in stop_distances(down)] == [None if one.worst_n is None else -one.worst_n for one in stop_distances(up)]
-    assert [exceeds(one, down) for one in stop_distances(down)] == [exceeds(one, up) for one in stop_distances(up)]
+    assert [item.worst_n for item in stop_distances(down)] == [
+        None if item.worst_n is None else -item.worst_n for item in stop_distances(up)
+    ]
+    assert [exceeds(item, down) for item in stop_distances(down)] == [exceeds(item, up) for item in stop_distances(up)]
 
 
 def test_a_device_that_a_person_moves_has_no_rows() -> None:

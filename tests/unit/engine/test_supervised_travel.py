@@ -11,7 +11,7 @@ import pytest
 from semlive.data.faults import FaultCode
 from semlive.data.loading import DeviceIdentity
 
-from .test_supervision import DRIVE, LIMITS, LOAD, STIFFNESS, Machine, first_finding, stepped
+from .ramp_machine import DRIVE, LIMITS, LOAD, STIFFNESS, Machine, first_finding, stepped
 
 SCALED = replace(LIMITS, stiffness_min_n_mm=0.5 * STIFFNESS)
 

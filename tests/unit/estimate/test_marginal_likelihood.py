@@ -51,8 +51,8 @@ def test_the_choice_is_by_how_well_earlier_values_foretell_later_ones(kind: Kind
     data, known = told(value_px)
     sizes = np.array([0.01, 0.1, 0.5])
     found = scores(data.with_prior(known.base), known, kind, sizes)
-    wanted = [held_out(value_px, known.base + Smoothness(kind[0], size, kind[1]).roughness(DRIFT)) for size in sizes]
-    np.testing.assert_allclose(np.diff(found), np.diff(wanted), rtol=1e-4)
+    required = [held_out(value_px, known.base + Smoothness(kind[0], size, kind[1]).roughness(DRIFT)) for size in sizes]
+    np.testing.assert_allclose(np.diff(found), np.diff(required), rtol=1e-4)
 
 
 @pytest.mark.parametrize("kind", [(2, 0.0), list(OSCILLATING_PRIORS)[-2], list(OSCILLATING_PRIORS)[-1]])
@@ -64,8 +64,8 @@ def test_beliefs_that_are_far_too_tight_are_as_likely_as_they_are(kind: Kind) ->
     some = [0, 4, 16, -1]
     found = scores(start.with_prior(known.base), known, kind, CANDIDATES)[some]
     rows = Smoothness(kind[0], 1.0, kind[1]).filter.rows(DRIFT.spline.size)
-    wanted = [in_many_digits(value_px, known.base, rows, size) for size in CANDIDATES[some]]
-    np.testing.assert_allclose(np.diff(found), np.diff(wanted), atol=0.05)
+    required = [in_many_digits(value_px, known.base, rows, size) for size in CANDIDATES[some]]
+    np.testing.assert_allclose(np.diff(found), np.diff(required), atol=0.05)
 
 
 def in_many_digits(value_px: np.ndarray, base: np.ndarray, rows: np.ndarray, size_px: float) -> float:
@@ -73,9 +73,9 @@ def in_many_digits(value_px: np.ndarray, base: np.ndarray, rows: np.ndarray, siz
     with localcontext() as digits:
         digits.prec = 60
         exact: Callable[[np.ndarray], np.ndarray] = np.vectorize(Decimal, otypes=[object])
-        seen, filtered, tight = exact(ROWS / NOISE_PX), exact(rows), 1 / Decimal(size_px) ** 2
+        observed, filtered, tight = exact(ROWS / NOISE_PX), exact(rows), 1 / Decimal(size_px) ** 2
         belief = exact(base) + filtered.T.dot(filtered) * tight
-        precision, pull = belief + seen.T.dot(seen), seen.T.dot(exact(value_px / NOISE_PX))
+        precision, pull = belief + observed.T.dot(observed), observed.T.dot(exact(value_px / NOISE_PX))
         (before, _), (after, fit) = reduced(belief, pull), reduced(precision, pull)
         return float((fit + before - after) / 2)
 
@@ -97,8 +97,8 @@ def test_a_drift_that_swings_is_told_from_one_that_wanders_and_one_that_creeps()
     bends = np.concatenate(([0.0, 0.0], np.cumsum(np.cumsum(RNG.normal(0.0, 0.05, DRIFT.spline.size - 2)))))
     swing, wander, creep = 0.4 * np.sin(2.0 * np.pi * TIME_S / 255.0), ROWS @ bends, 1e-3 * TIME_S + 1e-7 * TIME_S**2
     found = [
-        select_smoothness(*told(value + one), NON_OSCILLATING_PRIORS, CANDIDATES)
-        for value, one in zip((swing, wander, creep), noise, strict=True)
+        select_smoothness(*told(value + item), NON_OSCILLATING_PRIORS, CANDIDATES)
+        for value, item in zip((swing, wander, creep), noise, strict=True)
     ]
     assert found[0].oscillation_period_knots == pytest.approx(255.0 / 30.0, rel=0.25)
     assert found[1].size_px == pytest.approx(0.05, rel=0.6)
@@ -108,9 +108,9 @@ def test_a_drift_that_swings_is_told_from_one_that_wanders_and_one_that_creeps()
 
 def test_a_filter_is_its_matrix_and_its_transpose() -> None:
     value = RNG.normal(size=12)
-    for one in (DifferencePenalty(2, 1.0), DifferencePenalty(3, 1.0), Smoothness(2, 0.1, 7.0).filter):
-        rows = one.rows(12)
-        np.testing.assert_allclose(one.of(value), rows @ value, atol=1e-12)
-        np.testing.assert_allclose(one.reversed(one.of(value)), rows.T @ rows @ value, atol=1e-9)
-        assert one.of(value[: one.reach]).size == 0
+    for item in (DifferencePenalty(2, 1.0), DifferencePenalty(3, 1.0), Smoothness(2, 0.1, 7.0).filter):
+        rows = item.rows(12)
+        np.testing.assert_allclose(item.of(value), rows @ value, atol=1e-12)
+        np.testing.assert_allclose(item.reversed(item.of(value)), rows.T @ rows @ value, atol=1e-9)
+        assert item.of(value[: item.reach]).size == 0
     np.testing.assert_allclose(DifferencePenalty(3, 1.0).rows(9), np.diff(np.eye(9), n=3, axis=0))

@@ -13,6 +13,6 @@ from semlive.estimate import sutton
 
 @pytest.mark.parametrize("package", [estimate, sutton])
 def test_no_module_hides_a_function_of_its_package(package: ModuleType) -> None:
-    modules = {one.name for one in pkgutil.iter_modules(package.__path__)}
+    modules = {item.name for item in pkgutil.iter_modules(package.__path__)}
     assert modules
     assert not modules & set(package.__all__)

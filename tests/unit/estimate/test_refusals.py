@@ -31,8 +31,8 @@ def times(pair: int, start_s: float) -> tuple[FrameTime, FrameTime]:
 def shifted(reference: int, current: int, x: float, y: float, grid: Grid = GRID, status: PoiStatus = PoiStatus.CONVERGED) -> DisparityMap:
     rng = np.random.default_rng(reference * 100 + current)
     u, v = x + rng.normal(0, 0.01, grid.shape), y + rng.normal(0, 0.01, grid.shape)
-    one = np.full(grid.shape, 0.01)
-    return DisparityMap(reference, current, grid, u, v, one, one, one, np.full(grid.shape, status, np.uint8))
+    item = np.full(grid.shape, 0.01)
+    return DisparityMap(reference, current, grid, u, v, item, item, item, np.full(grid.shape, status, np.uint8))
 
 
 def fresh() -> estimating.EstimatorState:
@@ -112,9 +112,9 @@ def test_distortion_is_claimed_after_a_cross() -> None:
     found = estimating.to_estimate(estimating.solve(state), 0)
     assert not any("not determined yet" in note.text for note in found.notes)
     assert found.distortion.valid.all()
-    np.testing.assert_allclose([one.shift_px for one in found.motions], [(0, 0), (20, 0), (-20, 0), (0, 20), (0, -20)], atol=0.05)
+    np.testing.assert_allclose([item.shift_px for item in found.motions], [(0, 0), (20, 0), (-20, 0), (0, 20), (0, -20)], atol=0.05)
     assert found.motions[0].shift_sigma_px.max() == 0.0
-    assert all(one.shift_sigma_px.min() > 0.0 for one in found.motions[1:])
+    assert all(item.shift_sigma_px.min() > 0.0 for item in found.motions[1:])
 
 
 def test_a_pair_may_come_without_some_of_its_maps() -> None:
@@ -123,6 +123,6 @@ def test_a_pair_may_come_without_some_of_its_maps() -> None:
     state = estimating.update(state, 2, Phase.TENSION, times(2, 120.0), (shifted(4, 5, 0.0, 0.0), lost))
     state = moved(state, 3, 0.0, 20.0)
     found = estimating.to_estimate(estimating.solve(state), 0)
-    assert [one.pair for one in found.motions] == [0, 1, 2, 3]
+    assert [item.pair for item in found.motions] == [0, 1, 2, 3]
     assert found.motions[2].shift_sigma_px.min() > 100.0
     assert np.isfinite(found.drift.drift_px).all()

@@ -16,7 +16,7 @@ def turned(angle_deg: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]])
 
 
-def test_the_path_of_the_stage_tells_scale_and_angle() -> None:
+def test_the_path_of_the_stage_reports_scale_and_angle() -> None:
     """A stage whose y axis leans by 2 degrees and whose y screw is 1 % long."""
     axes = np.array([[0.8, 0.0], [0.8 * 1.01 * np.sin(np.radians(2.0)), 0.8 * 1.01 * np.cos(np.radians(2.0))]])
     rng = np.random.default_rng(3)
@@ -34,9 +34,9 @@ def test_the_path_is_told_only_where_it_can_be() -> None:
 
     commands = [(pair, (float(x), float(y))) for pair, (x, y) in enumerate(CROSS_PX)]
     motions = [motion(pair, 0.8 * shift) for pair, shift in enumerate(CROSS_PX)]
-    (said,) = stage_path_notes(commands, motions)
-    assert "0.8 px/um along the stage's x" in said.text
-    assert "90.00" in said.text
+    (printed,) = stage_path_notes(commands, motions)
+    assert "0.8 px/um along the stage's x" in printed.text
+    assert "90.00" in printed.text
     assert stage_path_notes(commands[:5], motions) == ()
     assert stage_path_notes(commands, motions[:3]) == ()
     assert stage_path_notes([(pair, (0.0, 0.0)) for pair, _ in commands], motions) == ()

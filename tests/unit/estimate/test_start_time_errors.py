@@ -27,7 +27,7 @@ EXPERIMENT = make_experiment(CASES["exact"], 4, Grid(101, 101, 30, 25, 20, 43), 
 
 def concluded(sigma_s: float, method: str = "joint", seed: int | None = None) -> RunResult:
     rng = None if seed is None else np.random.default_rng(seed)
-    begun, settings = None, replace(AnalysisSettings(), estimate=replace(AnalysisSettings().estimate, method=method))
+    started, settings = None, replace(AnalysisSettings(), estimate=replace(AnalysisSettings().estimate, method=method))
     for taken in EXPERIMENT.pairs:
         decision = decision_of(taken, taken.pair, settings)
         first, second = (
@@ -41,10 +41,10 @@ def concluded(sigma_s: float, method: str = "joint", seed: int | None = None) ->
             for info in (decision.first, decision.second)
         )
         decision = replace(decision, first=first, second=second)
-        begun = begun or pipeline.start_from_maps(settings, first, EXPERIMENT.grid)
-        begun = pipeline.accumulate(begun, decision, taken.maps)
-    assert begun is not None
-    return pipeline.finalise(begun)
+        started = started or pipeline.start_from_maps(settings, first, EXPERIMENT.grid)
+        started = pipeline.accumulate(started, decision, taken.maps)
+    assert started is not None
+    return pipeline.finalise(started)
 
 
 def test_strain_is_uncertain_by_the_fraction_to_which_the_time_between_starts_is() -> None:

@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from numexp.cases import CASES
 from numexp.experiment import Experiment, Taken, make_experiment
+from numexp.lens_distortion import fit_lens_distortion
 
 from semlive import pipeline
 from semlive.data.disparity import DisparityMap, PoiStatus
@@ -25,7 +26,6 @@ from semlive.data.scan import Provenance, Sourced
 from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.errors import IllPosed
 from semlive.estimate import sutton
-from semlive.estimate.sutton.lens_distortion import fit_lens_distortion
 from semlive.estimate.sutton.surface import Surface
 
 GRID = Grid(101, 101, 25, 30, 24, 43)
@@ -50,9 +50,9 @@ def test_the_papers_world_without_noise_is_found(equation_9: Experiment) -> None
     assert found.drift.drift_px == pytest.approx(equation_9.world.column.drift.at(found.drift.time_s), abs=1e-3)
     assert found.drift.revision == 3
     for one in equation_9.pairs[1:]:
-        for seen in one.seen:
-            correction = sutton.correction(solution, seen.exact)
-            left = seen.exact.u_px - correction.u_px - seen.displacement_px[..., 0]
+        for observed in one.seen:
+            correction = sutton.correction(solution, observed.exact)
+            left = observed.exact.u_px - correction.u_px - observed.displacement_px[..., 0]
             assert np.ptp(left) <= 2e-3
     assert found.distortion.valid.all()
     assert solution.noise_floor_px <= 1e-3
@@ -63,8 +63,8 @@ def test_pairs_that_are_missing_points_still_give_drift_everywhere(equation_9: E
     full = sutton.solve(state)
     holes = tuple(replace(one, maps=tuple(_with_hole(dmap) for dmap in one.maps)) for one in state.pairs)
     holed = sutton.solve(replace(state, pairs=holes))
-    seen = equation_9.pairs[5].seen[1].exact
-    difference = sutton.correction(full, seen).v_px - sutton.correction(holed, seen).v_px
+    observed = equation_9.pairs[5].seen[1].exact
+    difference = sutton.correction(full, observed).v_px - sutton.correction(holed, observed).v_px
     assert np.abs(difference - difference.mean()).max() <= 5e-3
 
 
@@ -74,7 +74,7 @@ def _with_hole(dmap: DisparityMap) -> DisparityMap:
     return replace(dmap, status=status)
 
 
-def test_one_pair_gives_drift_and_says_what_it_cannot(equation_9: Experiment) -> None:
+def test_one_pair_gives_drift_and_reports_what_it_cannot(equation_9: Experiment) -> None:
     solution = sutton.solve(given(equation_9, EstimateSettings(), pairs=1))
     found = sutton.to_estimate(solution, 1)
     assert not found.distortion.valid.any()
@@ -83,7 +83,7 @@ def test_one_pair_gives_drift_and_says_what_it_cannot(equation_9: Experiment) ->
         fit_lens_distortion(solution)
 
 
-def test_what_is_missing_is_said() -> None:
+def test_what_is_missing_is_reported() -> None:
     with pytest.raises(IllPosed, match="no pair"):
         sutton.solve(sutton.init(EstimateSettings(), GRID, 1024, 884))
     with pytest.raises(ValueError, match="joint or sutton2007"):
@@ -107,10 +107,10 @@ def test_classical_forms_have_a_centre_and_miss_a_wave(equation_9: Experiment) -
 def test_the_pipeline_estimates_by_the_method_that_the_settings_name(equation_9: Experiment) -> None:
     settings = AnalysisSettings(estimate=EstimateSettings(method="sutton2007"))
     decisions = [decision(one) for one in equation_9.pairs]
-    begun = pipeline.start_from_maps(settings, decisions[0].first, GRID)
+    started = pipeline.start_from_maps(settings, decisions[0].first, GRID)
     for one, taken in zip(equation_9.pairs, decisions, strict=True):
-        begun = pipeline.accumulate(begun, taken, one.maps)
-    result = pipeline.finalise(begun)
+        started = pipeline.accumulate(started, taken, one.maps)
+    result = pipeline.finalise(started)
     assert "published procedure" in result.messages[0]
     assert len(result.frames) == 30
     assert max(abs(one.summary.mean.eyy) for one in result.frames) <= 1e-6

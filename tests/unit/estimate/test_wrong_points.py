@@ -23,7 +23,7 @@ EVERY = np.ones(GRID.shape, dtype=np.bool_)
 
 def smooth(rng: np.random.Generator, noise_px: float = 0.02) -> np.ndarray:
     """A map's component: what a specimen, a distortion and a drift make of it, and noise."""
-    x, y = (one / 500.0 - 1.0 for one in GRID.mesh())
+    x, y = (item / 500.0 - 1.0 for item in GRID.mesh())
     bent = 4.0 * x * y**2 - 2.0 * x**3 + 3.0 * y + 0.5 * np.sin(4.0 * y) + 0.3 * np.cos(5.0 * x * y)
     return bent + rng.normal(0.0, noise_px, GRID.shape)
 

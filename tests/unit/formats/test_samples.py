@@ -53,10 +53,10 @@ def sources(info: FrameInfo) -> tuple[Provenance, ...]:
 
 
 def column(info: FrameInfo) -> tuple[object, ...]:
-    said = info.column
+    printed = info.column
     return tuple(
-        None if one is None else one.value
-        for one in (said.detector, said.voltage_v, said.working_distance_m, said.magnification, said.scan_rotation_deg)
+        None if item is None else item.value
+        for item in (printed.detector, printed.voltage_v, printed.working_distance_m, printed.magnification, printed.scan_rotation_deg)
     )
 
 
@@ -90,6 +90,24 @@ def test_helios(samples: Path, bits: int) -> None:
     assert scale_by_rosettasciio(samples / name) == (pytest.approx(info.pixel_size_m.value), "m")
     with pytest.raises(BadImage, match="every pixel is 0"):  # the beam was blanked
         read_frame(file, ScanProfile())
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("tfs_example.tif", {"tilt_correction": False, "dynamic_focus": False, "zoom": 1.0, "area": "full frame", "mode": "Field-Free"}),
+        ("zeiss_example_sem.tif", {"tilt_correction": False, "dynamic_focus": False, "zoom": 1.0, "mode": "orthogonality correction"}),
+        ("test_tiff_Zeiss_SEM_512pix.tif", {"zoom": 1.0, "drift_correction": False}),
+        ("tescan_example_sem1.tif", {"tilt_correction": False, "pixel_height_m": 2.5012e-6, "mode": "WIDE FIELD"}),
+        ("jeol_example_sem.tif", {"mode": "column SEM, scan 2, integration 0"}),
+    ],
+)
+def test_settings_that_change_geometry(samples: Path, name: str, settings: dict[str, object]) -> None:
+    header = parse_file(exported(samples, name)).header
+    assert header.geometry.values().items() >= settings.items()
+    height, width = header.geometry.pixel_height_m, header.pixel_size_m
+    if height is not None and width is not None:
+        assert height.value == pytest.approx(width.value)
 
 
 def test_navigation_camera_is_refused(samples: Path) -> None:
@@ -179,8 +197,10 @@ def test_hitachi_sidecar(samples: Path) -> None:
         assert (header.dwell_time_s, header.row_time_s, header.frame_time_s) == (None,) * 3
         assert header.embedded is not None
         assert header.embedded.time_ns == ns(2016, 8, 16, 18, 56, 58) + 500_000_000
-        said = header.column
-        assert [one.value for one in (said.detector, said.voltage_v, said.working_distance_m, said.magnification) if one] == [
+        printed = header.column
+        assert [
+            item.value for item in (printed.detector, printed.voltage_v, printed.working_distance_m, printed.magnification) if item
+        ] == [
             "BSE COMPO",
             15_000.0,
             pytest.approx(6.9e-3),
@@ -191,10 +211,10 @@ def test_hitachi_sidecar(samples: Path) -> None:
 def test_inspect_finds_every_sample_complete(samples: Path) -> None:
     images = sorted(samples.glob("*.tif"))
     assert len(images) == 8
-    seen = {path.name: inspect_file(exported(samples, path.name), ScanProfile()) for path in images}
-    assert all(one.complete for one in seen.values())
-    assert seen["tfs_example.tif"].problems == seen["zeiss_example_sem.tif"].problems == ()
-    assert "Beam=IRBeam" in seen["FEI-Helios-navcam-with-no-IRBeam-bad-floats.tif"].problems[0]
+    observed = {path.name: inspect_file(exported(samples, path.name), ScanProfile()) for path in images}
+    assert all(item.complete for item in observed.values())
+    assert observed["tfs_example.tif"].problems == observed["zeiss_example_sem.tif"].problems == ()
+    assert "Beam=IRBeam" in observed["FEI-Helios-navcam-with-no-IRBeam-bad-floats.tif"].problems[0]
     alone = inspect_sidecar("tm3000.txt", (samples / "tm3000_sidecar_blocen.txt").read_bytes(), MTIME_NS, ScanProfile())
     assert alone is not None
     assert (alone.width_px, alone.height_px, alone.acquired.value, alone.complete) == (1280, 1100, "2016-08-16T18:56:58", False)

@@ -74,7 +74,7 @@ def test_fei_timing_of_real_files(
     assert timing.frame_time_s.value / timing.row_time_s.value - size[1] == pytest.approx(overhead, abs=0.01)
 
 
-def test_five_integrated_frames_of_a_quanta_count_although_its_scan_section_says_one() -> None:
+def test_five_integrated_frames_of_a_quanta_count_although_its_scan_section_reports_one() -> None:
     header = fei_header((1024, 884), "3e-005", "0.0333333", "29.5667", integrate=5)
     info = info_of(header, 1024, 884)
     assert info.timing.integrations.value == 5
@@ -164,8 +164,8 @@ def test_a_zeiss_file_saved_in_the_middle_of_a_scan_counts_to_the_row_it_had_rea
 
 
 def test_zeiss_pixel_size_is_for_1024_px_and_the_micro_sign_may_be_spoilt() -> None:
-    told = {"AP_PIXEL_SIZE": "Pixel Size = 24.65 nm", "AP_IMAGE_PIXEL_SIZE": "Image Pixel Size = 12.33 nm"}
-    text = zeiss_text("3 ms", "5 Secs", more=told)
+    reported = {"AP_PIXEL_SIZE": "Pixel Size = 24.65 nm", "AP_IMAGE_PIXEL_SIZE": "Image Pixel Size = 12.33 nm"}
+    text = zeiss_text("3 ms", "5 Secs", more=reported)
     info = info_of(zeiss.header(zeiss.parse(text), 2048, 1536), 2048, 1536)
     assert info.pixel_size_m.value == pytest.approx(12.325e-9)
     assert info.column.magnification is not None
@@ -293,9 +293,9 @@ def test_files_of_the_virtual_microscope_come_back_with_its_truth(vendor: Vendor
     frame = read_frame(file, profile)
     info = frame.info
     assert info.vendor == vendor.value
-    kept = 180 if vendor is Vendor.ZEISS else 200  # there the bar covers the image
+    stored = 180 if vendor is Vendor.ZEISS else 200  # there the bar covers the image
     shown = (frame.image >> 8).astype(np.uint8) if vendor is Vendor.TESCAN else frame.image
-    assert np.array_equal(shown, image[:kept])
+    assert np.array_equal(shown, image[:stored])
     assert info.timing.row_time_s.value == pytest.approx(SCAN.row_time_s, rel=1e-4)
     assert info.timing.dwell_time_s.value == pytest.approx(SCAN.dwell_time_s, rel=0.05)
     assert info.pixel_size_m.value == pytest.approx(SCAN.pixel_size_um * 1e-6, rel=0.01)

@@ -103,8 +103,8 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_wrong_is_said_with_its_place(name: str) -> None:
-    header, lines, said = WRONG[name]
-    with pytest.raises(BadInput, match=re.escape(said)) as wrong:
+    header, lines, printed = WRONG[name]
+    with pytest.raises(BadInput, match=re.escape(printed)) as wrong:
         read(lines, header)
     assert str(wrong.value).startswith("frames.csv: ")
     assert "\n" not in str(wrong.value)

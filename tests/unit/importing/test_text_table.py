@@ -107,15 +107,15 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_cannot_be_told_is_refused_with_the_reason(name: str) -> None:
-    arguments, said = REFUSED[name]
-    with pytest.raises(BadInput, match=re.escape(said)) as error:
+    arguments, printed = REFUSED[name]
+    with pytest.raises(BadInput, match=re.escape(printed)) as error:
         read(*arguments)
     assert str(error.value).startswith("table: ")
     assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(("cell", "both"), [("1.500", "1.500 or 1500"), ("1,500", "1.500 or 1500"), ("-12,345", "-12.345 or -12345")])
-def test_one_sign_before_three_digits_is_refused_with_both_readings_unless_it_is_said(cell: str, both: str) -> None:
+def test_one_sign_before_three_digits_is_refused_with_both_readings_unless_it_is_reported(cell: str, both: str) -> None:
     with pytest.raises(AmbiguousTable, match=re.escape(f"{cell!r} may mean {both}; specify the decimal sign")):
         read(f"a;b\n{cell};7\n", "a")
     assert read(f"a;b\n{cell};7\n", "a", given=Convention(decimal="," if "," in cell else "."))[1] == [[float(cell.replace(",", "."))]]

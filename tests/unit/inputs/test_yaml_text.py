@@ -20,10 +20,10 @@ TEN_OF_TEN = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(f"a{n}: &a{n} 
 def refusal(text: str | bytes) -> str:
     with pytest.raises(BadConfig) as error:
         read_yaml(text, "run.yaml")
-    said = str(error.value)
-    assert said.startswith("run.yaml: ")
-    assert "\n" not in said
-    return said
+    printed = str(error.value)
+    assert printed.startswith("run.yaml: ")
+    assert "\n" not in printed
+    return printed
 
 
 @pytest.mark.parametrize(

@@ -76,9 +76,9 @@ def test_an_error_in_a_thread_is_not_lost(allowed):
 
     with pytest.raises(ArithmeticError, match="row 6"):
         threads.parallel_chunks(work, 20, 2)
-    for one, other in ((lambda: 1, lambda: work(6, 8)), (lambda: work(6, 8), lambda: 1)):
+    for item, other in ((lambda: 1, lambda: work(6, 8)), (lambda: work(6, 8), lambda: 1)):
         with pytest.raises(ArithmeticError, match="row 6"):
-            threads.run_pair_in_parallel(one, other)
+            threads.run_pair_in_parallel(item, other)
     fine = Watched(allowed)
     threads.parallel_chunks(fine, 20, 1)
     assert fine.most == allowed  # those that failed have given their place back

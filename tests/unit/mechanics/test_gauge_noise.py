@@ -23,20 +23,20 @@ def noisy() -> Displacement:
     n, s = GRID.subset_px, GRID.step_px
     boxes = total[:, n:, n:] - total[:, :-n, n:] - total[:, n:, :-n] + total[:, :-n, :-n]
     u, v = boxes[:, ::s, ::s] / n * np.array([SIGMA_U_PX, SIGMA_V_PX])[:, None, None]
-    sigma_u, sigma_v = (np.full(GRID.shape, one) for one in (SIGMA_U_PX, SIGMA_V_PX))
+    sigma_u, sigma_v = (np.full(GRID.shape, item) for item in (SIGMA_U_PX, SIGMA_V_PX))
     return Displacement(1, GRID, u, v, sigma_u, sigma_v, np.ones(GRID.shape, dtype=np.bool_))
 
 
 @pytest.mark.parametrize("settings", [StrainSettings(), StrainSettings(order=2), StrainSettings(weights="gaussian")])
 def test_gauges_scatter_as_stated(settings: StrainSettings) -> None:
-    square, said = [], None
+    square, printed = [], None
     for _ in range(12):
         field = mechanics.strain_field(moved := noisy(), 9, settings)
-        said = mechanics.summary(moved, field, settings=settings).gauge_sigma
-        square.append([np.mean(one[4:-4, 4:-4] ** 2) for one in (field.exx, field.eyy, field.exy)])
-    assert said is not None
+        printed = mechanics.summary(moved, field, settings=settings).gauge_sigma
+        square.append([np.mean(item[4:-4, 4:-4] ** 2) for item in (field.exx, field.eyy, field.exy)])
+    assert printed is not None
     # A field is worth some 60 independent gauges, twelve know the scatter to 3 %.
-    assert np.sqrt(np.mean(square, axis=0)) == pytest.approx([said.exx, said.eyy, said.exy], rel=0.12)
+    assert np.sqrt(np.mean(square, axis=0)) == pytest.approx([printed.exx, printed.eyy, printed.exy], rel=0.12)
 
 
 def test_what_the_correction_adds_is_in_it_and_a_filtered_gauge_states_nothing() -> None:

@@ -38,8 +38,8 @@ def test_gauge_is_a_plane_fit_with_masks_and_edges(window: int) -> None:
     assert field.valid.mean() > 0.5
     assert not field.valid[~mask].any()
     for iy, ix in np.argwhere(field.valid)[::7]:
-        said = field.exx[iy, ix], field.eyy[iy, ix], field.exy[iy, ix]
-        np.testing.assert_allclose(said, brute_force(one, window, iy, ix), rtol=1e-9, atol=1e-12)
+        printed = field.exx[iy, ix], field.eyy[iy, ix], field.exy[iy, ix]
+        np.testing.assert_allclose(printed, brute_force(one, window, iy, ix), rtol=1e-9, atol=1e-12)
     assert not field.exx[~field.valid].any()
 
 
@@ -67,10 +67,10 @@ def test_sigma_of_the_mean_counts_independent_points() -> None:
     grid = Grid(101, 101, 5, 150, 120, 43)
     sigma, zero = np.full(grid.shape, 0.02), np.zeros(grid.shape)
     one = Displacement(2, grid, zero, zero, sigma, sigma, np.ones(grid.shape, bool))
-    said = mechanics.summary(one, mechanics.strain(one, 9), systematic=Tensor2(0.0, 3e-5, 0.0))
+    printed = mechanics.summary(one, mechanics.strain(one, 9), systematic=Tensor2(0.0, 3e-5, 0.0))
     n_eff = 150 * 120 * (5 / 43) ** 2
-    assert said.mean_sigma.exx == pytest.approx(0.02 * np.sqrt(12 / n_eff) / 750, rel=1e-3)
-    assert said.mean_sigma.eyy == pytest.approx(np.hypot(0.02 * np.sqrt(12 / n_eff) / 600, 3e-5), rel=1e-3)
+    assert printed.mean_sigma.exx == pytest.approx(0.02 * np.sqrt(12 / n_eff) / 750, rel=1e-3)
+    assert printed.mean_sigma.eyy == pytest.approx(np.hypot(0.02 * np.sqrt(12 / n_eff) / 600, 3e-5), rel=1e-3)
 
 
 def loaded(load_n: float, axial: float, transverse: float, sigma: float) -> tuple[float, StrainSummary]:
@@ -85,8 +85,10 @@ def test_elastic_constants_with_a_zero_offset_and_noise() -> None:
     for _ in range(300):
         noise = RNG.normal(0, sigma, (2, len(loads)))
         stress = loads / 10.0
-        said = loads + RNG.normal(0, load_sigma, len(loads))
-        points = [loaded(f, s / 71.1e3 + a + 5e-5, -0.33 * s / 71.1e3 + t, sigma) for f, s, a, t in zip(said, stress, *noise, strict=True)]
+        printed = loads + RNG.normal(0, load_sigma, len(loads))
+        points = [
+            loaded(f, s / 71.1e3 + a + 5e-5, -0.33 * s / 71.1e3 + t, sigma) for f, s, a, t in zip(printed, stress, *noise, strict=True)
+        ]
         found = mechanics.elastic_constants(points, 10.0, "y", load_sigma)
         youngs, ratio = found.youngs_modulus_gpa, found.poissons_ratio
         z.append([(youngs.value - 71.1) / youngs.sigma, (ratio.value - 0.33) / ratio.sigma])

@@ -33,7 +33,7 @@ def test_slopes_do_not_feel_where_either_one_has_its_zero() -> None:
     assert found.youngs_modulus_gpa.value == pytest.approx(71.1, rel=1e-9)
     assert found.poissons_ratio.value == pytest.approx(RATIO, rel=1e-9)
     assert found.dic_over_gage.value == pytest.approx(1.0, rel=1e-9)
-    assert [one.pair for one in found.steps] == list(range(7))
+    assert [item.pair for item in found.steps] == list(range(7))
     assert found.steps[3].dic_strain == pytest.approx(LOADS_N[3] / AREA_MM2 / MODULUS_MPA - 5e-5)
 
 
@@ -53,7 +53,7 @@ def test_what_is_stated_holds() -> None:
     rng, z = np.random.default_rng(5), []
     for seed in range(400):
         found = mechanics.compare_with_gage(steps(1.0 + 0.004 * rng.normal(), 1e-5, seed, 2e-6), AREA_MM2, factor_sigma=0.004)
-        z.append([(one.value - true) / one.sigma for one, true in zip(_figures(found), (71.1, RATIO, 1.0), strict=True)])
+        z.append([(item.value - true) / item.sigma for item, true in zip(_figures(found), (71.1, RATIO, 1.0), strict=True)])
     rms = np.sqrt(np.mean(np.square(z), axis=0))
     # Of the modulus the points' scatter may raise what is stated, never lower it; 400 values know their rms to 3.5 %.
     assert np.all((rms > 0.85) & (rms < 1.12)), rms
@@ -65,8 +65,8 @@ def _figures(found: StrainGageComparison) -> tuple[MeasuredValue, MeasuredValue,
 
 def test_the_image_axis_that_is_pulled_is_compared() -> None:
     turned = [
-        (pair, load, gage, StrainSummary(one.frame, Tensor2(one.mean.eyy, one.mean.exx, 0.0), one.mean_sigma, one.sd, 83.0))
-        for pair, load, gage, one in steps()
+        (pair, load, gage, StrainSummary(item.frame, Tensor2(item.mean.eyy, item.mean.exx, 0.0), item.mean_sigma, item.sd, 83.0))
+        for pair, load, gage, item in steps()
     ]
     assert mechanics.compare_with_gage(turned, AREA_MM2, "x").poissons_ratio.value == pytest.approx(RATIO)
 
@@ -78,10 +78,10 @@ def test_one_load_or_a_gage_that_stands_still_is_refused() -> None:
         mechanics.compare_with_gage(steps(-1.0), AREA_MM2)
 
 
-def test_a_gage_that_was_silent_in_one_frame_says_nothing_of_the_pair() -> None:
-    told, silent = FrameLoad(1.0, 1.0, 1.0, 0.0, 2e-4, 4e-7), FrameLoad(1.0, 1.0, 1.0, 0.0)
-    assert mean_gage_strain(told, silent) is None
-    both = mean_gage_strain(told, FrameLoad(1.0, 1.0, 1.0, 0.0, 4e-4, 3e-7))
+def test_a_gage_that_was_silent_in_one_frame_reports_nothing_of_the_pair() -> None:
+    reported, silent = FrameLoad(1.0, 1.0, 1.0, 0.0, 2e-4, 4e-7), FrameLoad(1.0, 1.0, 1.0, 0.0)
+    assert mean_gage_strain(reported, silent) is None
+    both = mean_gage_strain(reported, FrameLoad(1.0, 1.0, 1.0, 0.0, 4e-4, 3e-7))
     assert both is not None
     assert both.value == pytest.approx(3e-4)
     assert both.sigma == pytest.approx(2.5e-7)

@@ -22,8 +22,8 @@ def noisy(rng: np.random.Generator) -> Displacement:
         pixels = rng.normal(size=(GRID.y0_px + 5 * GRID.ny + 30, GRID.x0_px + 5 * GRID.nx + 30))
         smooth = uniform_filter(pixels, GRID.subset_px, mode="wrap") * GRID.subset_px * sigma_px
         fields.append(np.ascontiguousarray(smooth[30 : 30 + 5 * GRID.ny : 5, 30 : 30 + 5 * GRID.nx : 5]))
-    one = np.ones(GRID.shape)
-    return Displacement(1, GRID, fields[0], fields[1], SIGMA_U_PX * one, SIGMA_V_PX * one, one.astype(bool))
+    item = np.ones(GRID.shape)
+    return Displacement(1, GRID, fields[0], fields[1], SIGMA_U_PX * item, SIGMA_V_PX * item, item.astype(bool))
 
 
 @pytest.mark.parametrize("full", [True, False])
@@ -33,8 +33,8 @@ def test_the_scatter_of_strain_is_predicted(full: bool) -> None:
     for points in (3, 9, 21):
         expected, half = noise_scatter(GRID, points, SIGMA_U_PX, SIGMA_V_PX, full=full), points // 2
         found: dict[str, list[float]] = {"exx": [], "eyy": [], "exy": []}
-        for one in drawn:
-            field = mechanics.strain(one, points)
+        for item in drawn:
+            field = mechanics.strain(item, points)
             part = (slice(half, GRID.ny - half), slice(half, GRID.nx - half)) if full else (slice(None), slice(None))
             assert field.valid.all()
             for name, values in found.items():

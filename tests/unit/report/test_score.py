@@ -51,21 +51,21 @@ def drawn(seed: int, stated: float = 1.0) -> RunErrors:
 
 
 def judged(errors: RunErrors) -> dict[str, Score]:
-    return {one.name: one for one in scores_of(errors)}
+    return {item.name: item for item in scores_of(errors)}
 
 
 def test_honest_uncertainties_are_found_honest() -> None:
     """At 95 % a few of many rows are outside by chance: over seeds no more than that."""
-    outside = [not one.covers(0.95) for seed in range(20) for one in scores_of(drawn(seed)) if not one.detail]
+    outside = [not item.covers(0.95) for seed in range(20) for item in scores_of(drawn(seed)) if not item.detail]
     assert np.mean(outside) < 0.08
 
 
 @pytest.mark.parametrize("name", ["drift within frames", "distortion", "displacement of points", "mean strain of frames"])
 @pytest.mark.parametrize("stated", [0.5, 2.0])
 def test_wrong_uncertainties_show_as_wrong(name: str, stated: float) -> None:
-    said = judged(drawn(1, stated))
-    assert not said[f"coverage at 68 %, {name}"].covers(0.95)
-    assert np.sign(said[f"coverage at 68 %, {name}"].error) == np.sign(stated - 1)
+    printed = judged(drawn(1, stated))
+    assert not printed[f"coverage at 68 %, {name}"].covers(0.95)
+    assert np.sign(printed[f"coverage at 68 %, {name}"].error) == np.sign(stated - 1)
 
 
 def test_an_rms_error_larger_than_stated_is_outside() -> None:
@@ -82,9 +82,9 @@ def test_one_value_is_judged_by_the_normal_distribution() -> None:
 
 
 def test_an_rms_of_many_is_judged_more_narrowly_and_a_worst_of_many_more_widely() -> None:
-    one = Score("rms", 0.0, 1.2, 1.0, "px")
-    assert one.covers(0.95)
-    assert not replace(one, freedom=100.0).covers(0.95)
+    item = Score("rms", 0.0, 1.2, 1.0, "px")
+    assert item.covers(0.95)
+    assert not replace(item, freedom=100.0).covers(0.95)
     worst = Score("worst", 0.0, 2.8, 1.0, "px")
     assert not worst.covers(0.95)
     assert replace(worst, candidates=50.0).covers(0.95)
@@ -100,10 +100,10 @@ def test_independent_values_are_counted_from_the_errors_themselves() -> None:
 
 
 def test_the_json_is_finite_and_has_the_promised_keys() -> None:
-    for one in judged(drawn(4)).values():
-        told = one.to_json()
-        assert list(told) == ["truth", "value", "sigma", "error", "unit", "inside68", "inside95"]
-        json.dumps(told, allow_nan=False)
+    for item in judged(drawn(4)).values():
+        reported = item.to_json()
+        assert list(reported) == ["truth", "value", "sigma", "error", "unit", "inside68", "inside95"]
+        json.dumps(reported, allow_nan=False)
 
 
 def test_figures_go_to_a_folder_or_to_one_sheet(tmp_path: Path) -> None:

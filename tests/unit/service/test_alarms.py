@@ -43,8 +43,8 @@ def found(*payloads: Payload) -> list[tuple[str, str]]:
 
 def test_every_fault_is_an_alarm() -> None:
     known = alarms(fault(1, "it is full", "log"), fault(2, "no point converged", "pair 3"), fault(3, code="link_lost")).listed
-    assert [(one.code, one.where) for one in known] == [("log", "log"), ("analysis", "pair 3"), ("link_lost", "load frame")]
-    assert not any(one.acknowledged for one in known)
+    assert [(item.code, item.where) for item in known] == [("log", "log"), ("analysis", "pair 3"), ("link_lost", "load frame")]
+    assert not any(item.acknowledged for item in known)
 
 
 def test_a_transition_without_a_fault_message_is_an_alarm_with_the_sentence_that_follows() -> None:
@@ -69,10 +69,10 @@ def test_a_fault_and_its_transition_are_one_alarm_in_either_order() -> None:
 
 
 def test_another_fault_soon_after_a_transition_is_an_alarm_of_its_own() -> None:
-    told = (state(1, "ramping", "fault", "limit"), line(1, "beyond"), fault(3, "it moves on", code="stop_not_obeyed"))
-    assert found(*told) == [(FaultCode.LIMIT, "beyond"), ("stop_not_obeyed", "it moves on")]
-    told = (state(1, "ramping", "fault", "limit"), state(2, "fault", "estopped", "emergency"))
-    assert [code for code, _ in found(*told)] == [FaultCode.LIMIT, FaultCode.EMERGENCY_STOP]
+    reported_text = (state(1, "ramping", "fault", "limit"), line(1, "beyond"), fault(3, "it moves on", code="stop_not_obeyed"))
+    assert found(*reported_text) == [(FaultCode.LIMIT, "beyond"), ("stop_not_obeyed", "it moves on")]
+    reported_text = (state(1, "ramping", "fault", "limit"), state(2, "fault", "estopped", "emergency"))
+    assert [code for code, _ in found(*reported_text)] == [FaultCode.LIMIT, FaultCode.EMERGENCY_STOP]
 
 
 def test_staying_in_fault_and_leaving_it_are_no_alarms() -> None:
@@ -81,21 +81,21 @@ def test_staying_in_fault_and_leaving_it_are_no_alarms() -> None:
 
 @pytest.mark.parametrize("resumed", [False, True])
 def test_an_alarm_is_open_until_it_is_acknowledged_whatever_the_run_does(resumed: bool) -> None:
-    told = [fault(1, code="link_lost"), fault(5, code="limit")]
-    told += [state(6, "fault", "recover", "resume"), state(7, "recover", "ramping", "resume")] if resumed else []
-    known = alarms(*told)
+    reported_text = [fault(1, code="link_lost"), fault(5, code="limit")]
+    reported_text += [state(6, "fault", "recover", "resume"), state(7, "recover", "ramping", "resume")] if resumed else []
+    known = alarms(*reported_text)
     assert len(known.open) == 2
     known = reduce(after, (acknowledge(8, str(at(1))), acknowledge(9, "no alarm"), acknowledge(10, str(at(1)))), known)
-    assert [one.code for one in known.open] == ["limit"]
+    assert [item.code for item in known.open] == ["limit"]
     first = known.listed[0]
     assert (first.acknowledged_ns, first.acknowledged_by) == (at(8), "page at 127.0.0.1")
 
 
 def test_one_alarm_or_all_are_acknowledged_and_none_twice() -> None:
     known = alarms(fault(1), fault(2, code="limit"), fault(2, code="link_lost"))
-    assert [one.args for one in acknowledgements(known, str(at(2)), "", at(3))] == [{"alarm": str(at(2))}]
+    assert [item.args for item in acknowledgements(known, str(at(2)), "", at(3))] == [{"alarm": str(at(2))}]
     everything = acknowledgements(known, None, "terminal", at(3))
-    assert [one.args for one in everything] == [{"alarm": str(at(1)), "by": "terminal"}, {"alarm": str(at(2)), "by": "terminal"}]
+    assert [item.args for item in everything] == [{"alarm": str(at(1)), "by": "terminal"}, {"alarm": str(at(2)), "by": "terminal"}]
     known = reduce(after, everything, known)
     assert not known.open
     assert not acknowledgements(known, None, "terminal", at(4))
@@ -118,8 +118,8 @@ def test_very_many_alarms_are_bounded_and_the_one_that_matters_stays() -> None:
 def test_a_limit_that_link_thread_and_protocol_find_in_one_reading_is_one_alarm() -> None:
     known = Alarms()
     for where, late_ns in (("protocol", 0), ("load frame", 3_000_000)):
-        told = FaultMessage(time_ns=1_000 + late_ns, what="the load is 950 N", where=where, action="stopped", code="limit")
-        known = after(known, told)
+        reported_text = FaultMessage(time_ns=1_000 + late_ns, what="the load is 950 N", where=where, action="stopped", code="limit")
+        known = after(known, reported_text)
     assert len(known.listed) == 1
     other = FaultMessage(time_ns=2_000, what="another", where="load frame", action="stopped", code="load_jump")
     assert len(after(known, other).listed) == 2

@@ -91,11 +91,11 @@ def logged(tmp_path: Path, *files: ExportedFile) -> list[LogMessage]:
 
 
 def analysed(log: list[LogMessage]) -> list[object]:
-    state, told = WorkerState(), []
+    state, reported = WorkerState(), []
     for message in log:
         state, outputs = process_message(state, message)
-        told += [from_json(one.topic, one.payload) for one in outputs]
-    return told
+        reported += [from_json(item.topic, item.payload) for item in outputs]
+    return reported
 
 
 @pytest.mark.parametrize(("guards", "early_s"), [({"held_s": 30.2, "late_s": 0.2}, 0.2), ({"held_s": 30.2}, 0.0)])
@@ -108,8 +108,8 @@ def test_a_frame_that_began_before_the_end_of_the_hold_was_noticed_is_meant_for_
 def test_bytes_of_image_and_text_are_in_the_log_before_anything_is_decoded(tmp_path: Path) -> None:
     made = product(1)
     log = logged(tmp_path, exported(0, made))
-    assert [one.topic for one in log] == ["/run", "/sem/file", SEM_SIDECAR, SEM_ORIGINAL]
-    assert [one.payload for one in log[2:]] == [made.sidecar, made.image]
+    assert [item.topic for item in log] == ["/run", "/sem/file", SEM_SIDECAR, SEM_ORIGINAL]
+    assert [item.payload for item in log[2:]] == [made.sidecar, made.image]
     file = from_json("/sem/file", log[1].payload)
     assert isinstance(file, FileMessage)
     assert file.sidecar_sha256 == hashlib.sha256(made.sidecar or b"").hexdigest()
@@ -117,7 +117,7 @@ def test_bytes_of_image_and_text_are_in_the_log_before_anything_is_decoded(tmp_p
 
 
 def test_a_jeol_pair_of_files_becomes_a_scan_with_times_by_its_speed(tmp_path: Path) -> None:
-    [scan] = [one for one in analysed(logged(tmp_path, exported(0, product(1)))) if isinstance(one, ScanMessage)]
+    [scan] = [item for item in analysed(logged(tmp_path, exported(0, product(1)))) if isinstance(item, ScanMessage)]
     assert (scan.vendor, scan.width_px, scan.height_px) == ("jeol", 64, 48)
     assert (scan.row_time_s.value, scan.row_time_s.source) == (0.01, Provenance.CONFIG)
     assert scan.column.detector is not None
@@ -128,34 +128,34 @@ def test_a_jeol_pair_of_files_becomes_a_scan_with_times_by_its_speed(tmp_path: P
 
 def test_a_text_belongs_to_its_own_image_alone(tmp_path: Path) -> None:
     alone = dataclasses.replace(exported(1, product(2)), sidecar=None)
-    told = analysed(logged(tmp_path, exported(0, product(1)), alone))
-    refused = [one for one in told if isinstance(one, FileMessage)]
-    assert [(one.export, one.decision) for one in refused] == [(1, "refused")]
+    reported = analysed(logged(tmp_path, exported(0, product(1)), alone))
+    refused = [item for item in reported if isinstance(item, FileMessage)]
+    assert [(item.export, item.decision) for item in refused] == [(1, "refused")]
     assert "does not contain its dwell time" in refused[0].reason
 
 
 def test_frozen_pixels_under_a_new_header_are_refused(tmp_path: Path) -> None:
-    told = analysed(logged(tmp_path, exported(0, product(1)), exported(1, product(1, frame=7)), exported(2, product(2))))
-    refused = [one for one in told if isinstance(one, FileMessage)]
-    assert [one.reason for one in refused] == ["x_1.tif: shows the same pixels as x_0.tif; the SEM's image is frozen, so let it scan."]
-    assert [one.export for one in told if isinstance(one, ScanMessage)] == [0, 2]
+    reported = analysed(logged(tmp_path, exported(0, product(1)), exported(1, product(1, frame=7)), exported(2, product(2))))
+    refused = [item for item in reported if isinstance(item, FileMessage)]
+    assert [item.reason for item in refused] == ["x_1.tif: shows the same pixels as x_0.tif; the SEM's image is frozen, so let it scan."]
+    assert [item.export for item in reported if isinstance(item, ScanMessage)] == [0, 2]
 
 
 @pytest.mark.parametrize("late_s", [1, 3601])
 def test_the_clocks_of_sem_and_share_are_told_with_the_first_frame(tmp_path: Path, late_s: int) -> None:
-    told = analysed(logged(tmp_path, exported(0, product(1), END_NS + late_s * S)))
-    clocks = {one.clock: one for one in told if isinstance(one, ClockOffsetMessage)}
+    reported = analysed(logged(tmp_path, exported(0, product(1), END_NS + late_s * S)))
+    clocks = {item.clock: item for item in reported if isinstance(item, ClockOffsetMessage)}
     assert clocks["sem"].offset_s == pytest.approx(0.5 - late_s)
     assert clocks["share"].offset_s == 0.0
     assert bool(clocks["sem"].advice) == (late_s > 60)
 
 
-def test_what_analysis_says_of_clocks_counts_as_its_own_when_a_run_is_taken_up_again(tmp_path: Path) -> None:
+def test_what_analysis_reports_of_clocks_counts_as_its_own_when_a_run_is_taken_up_again(tmp_path: Path) -> None:
     state, outputs = WorkerState(), []
     for message in logged(tmp_path, exported(0, product(1)), exported(1, product(1)), exported(2, product(2))):
         state, more = process_message(state, message)
         outputs += more
-    assert {one.topic for one in outputs} == {"/log", "/clock/offset", "/sem/scan", "/sem/file"}
-    assert all(is_output(one) for one in outputs)
-    asked = ClockOffsetMessage(clock="share", offset_s=0.0, sigma_s=0.1, files=0, export=None, reason="a file was written to it")
-    assert not is_output(LogMessage("/clock/offset", 1, 1, 0, to_json(asked)))
+    assert {item.topic for item in outputs} == {"/log", "/clock/offset", "/sem/scan", "/sem/file"}
+    assert all(is_output(item) for item in outputs)
+    requests = ClockOffsetMessage(clock="share", offset_s=0.0, sigma_s=0.1, files=0, export=None, reason="a file was written to it")
+    assert not is_output(LogMessage("/clock/offset", 1, 1, 0, to_json(requests)))

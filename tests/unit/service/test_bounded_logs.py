@@ -43,13 +43,13 @@ def zeros(size: int) -> bytes:
 
 
 @pytest.mark.parametrize("said_bytes", [1000, 2**28, 2**62])
-def test_a_chunk_that_expands_without_bound_is_refused_whatever_it_says_of_its_size(tmp_path: Path, said_bytes: int) -> None:
+def test_a_chunk_that_expands_without_bound_is_refused_whatever_it_reports_of_its_size(tmp_path: Path, said_bytes: int) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(HEAD + chunk(b"zstd", zeros(2**28), said_bytes))
     for look in (lambda: list(messages(path)), lambda: first_run(path), lambda: recover_segment(path, tmp_path / "out.mcap")):
         with pytest.raises(BadLog, match=r"log\.mcap: a chunk of \d+ kB expands to more than 32 MiB"):
             look()
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["log.mcap"]
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["log.mcap"]
 
 
 def test_expanding_ends_at_the_bound_for_both_compressions() -> None:
@@ -84,7 +84,7 @@ def test_a_log_of_another_writer_is_read(tmp_path: Path, compression: Compressio
         for number in range(3000):
             writer.add_message(channel, number, json.dumps({"number": number, "text": "x" * 1000}).encode(), number)
         writer.finish()
-    assert [json.loads(one.payload)["number"] for one in messages(path)] == list(range(3000))
+    assert [json.loads(item.payload)["number"] for item in messages(path)] == list(range(3000))
     assert topic_counts(path) == {"/note": 3000}
 
 

@@ -45,23 +45,23 @@ def after(
 
 
 def test_a_clock_an_hour_ahead_is_known_within_the_time_that_an_export_takes() -> None:
-    clocks, told = FileClockOffsets.with_poll_interval(1.0), []
+    clocks, reported = FileClockOffsets.with_poll_interval(1.0), []
     for number in range(20):
         clocks, more = after(clocks, T0 + round(number * 31.37 * S), number, 3600.0, 0.5 + 0.1 * (number % 5))
-        told += more
+        reported += more
     assert clocks.sem.offset_s == pytest.approx(3600.0, abs=1.0)
     assert abs(clocks.sem.offset_s - 3600.0) < 2.0 * clocks.sem.sigma_s
     assert clocks.share.offset_s == pytest.approx(-0.5)
-    sem = [one for one in told if one.clock == "sem"]
+    sem = [item for item in reported if item.clock == "sem"]
     assert 1 <= len(sem) <= 4
     assert "set one of the clocks, or sem.profile.clock_offset_s: 3600." in sem[-1].advice or "3599" in sem[-1].advice
-    assert all(not one.advice for one in told if one.clock == "share")
+    assert all(not item.advice for item in reported if item.clock == "share")
 
 
 def test_a_right_clock_is_told_without_advice() -> None:
-    clocks, told = after(FileClockOffsets.with_poll_interval(1.0), T0, 0, 0.0, 1.0)
-    assert [one.advice for one in told] == ["", ""]
-    assert [one.reason for one in told] == ["first file with this clock"] * 2
+    clocks, reported = after(FileClockOffsets.with_poll_interval(1.0), T0, 0, 0.0, 1.0)
+    assert [item.advice for item in reported] == ["", ""]
+    assert [item.reason for item in reported] == ["first file with this clock"] * 2
     assert clocks.sem.sigma_s == pytest.approx((1 / 12 + 4.0 + 1.0) ** 0.5)
 
 
@@ -71,16 +71,16 @@ def test_late_files_are_no_step_of_a_clock_and_a_clock_that_is_set_is() -> None:
         clocks, _ = after(clocks, T0 + number * 40 * S, number, 0.0, 1.0)
     late = clocks
     for number in range(5, 9):
-        late, told = after(late, T0 + 40 * number * S, number, 0.0, 500.0)
-        assert [one.clock for one in told if one.clock == "sem"] == []
+        late, reported = after(late, T0 + 40 * number * S, number, 0.0, 500.0)
+        assert [item.clock for item in reported if item.clock == "sem"] == []
     assert late.sem.offset_s == clocks.sem.offset_s
     winter = clocks
     for number in range(5, 11):
-        winter, told = after(winter, T0 + 40 * number * S, number, -3600.0, 1.0)
-    assert [one.reason for one in told if one.clock == "sem"] == ["the clock was set by -3600.0 s"]
+        winter, reported = after(winter, T0 + 40 * number * S, number, -3600.0, 1.0)
+    assert [item.reason for item in reported if item.clock == "sem"] == ["the clock was set by -3600.0 s"]
     summer, _ = after(clocks, T0 + 200 * S, 5, 3600.0, 1.0)
-    summer, told = after(summer, T0 + 240 * S, 6, 3600.0, 1.0)
-    [step] = [one for one in told if one.clock == "sem"]
+    summer, reported = after(summer, T0 + 240 * S, 6, 3600.0, 1.0)
+    [step] = [item for item in reported if item.clock == "sem"]
     assert step.reason == "the clock was set by +3600.0 s"
     assert step.offset_s == pytest.approx(3600.0, abs=2.0)
 
@@ -100,9 +100,9 @@ def test_a_time_that_marks_the_start_is_held_against_the_end() -> None:
     assert clocks.sem.offset_s == pytest.approx(-1.0)
 
 
-def test_a_share_says_its_time_when_asked(tmp_path: Path) -> None:
-    told = probe_share(tmp_path, time.time_ns)
-    assert told is not None
-    assert abs(told.offset_s) < 0.1 + told.sigma_s
+def test_a_share_reports_its_time_when_asked(tmp_path: Path) -> None:
+    reported = probe_share(tmp_path, time.time_ns)
+    assert reported is not None
+    assert abs(reported.offset_s) < 0.1 + reported.sigma_s
     assert list(tmp_path.iterdir()) == []
     assert probe_share(tmp_path / "none", time.time_ns) is None

@@ -61,7 +61,7 @@ def test_scan_profiles_reach_the_analysis_and_come_back_from_the_dump() -> None:
     config = parse_config(given(sem=sem), "run.yaml")
     scan = config.analysis_settings().scan
     assert scan.databar_rows == 64
-    assert [(one.scan_speed, one.row_time_s, one.width_px) for one in scan.speeds] == [("9", 2e-3, None)]
+    assert [(item.scan_speed, item.row_time_s, item.width_px) for item in scan.speeds] == [("9", 2e-3, None)]
     assert parse_config(config.model_dump(mode="json"), "log") == config
     assert "did you mean row_time_s?" in refusal(given(sem={**sem, "scan_profiles": [{"scan_speed": "9", "row_time": 1.0}]}))
     assert "start_anchor must be start, end or save" in refusal(given(sem={**sem, "profile": {"start_anchor": "middle"}}))

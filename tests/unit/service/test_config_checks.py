@@ -80,10 +80,10 @@ def test_a_contradiction_is_refused_with_its_key_and_line(tmp_path: Path, sectio
     given = changed(section, **values)
     with pytest.raises(BadConfig) as error:
         load(tmp_path, given)
-    said = str(error.value)
-    assert words in said
-    assert "run.yaml: line " in said
-    assert "\n" not in said
+    printed = str(error.value)
+    assert words in printed
+    assert "run.yaml: line " in printed
+    assert "\n" not in printed
     # An earlier run's log with these values stays readable.
     assert parse_config(given, "log").plan()
 

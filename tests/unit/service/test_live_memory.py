@@ -17,8 +17,8 @@ from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import AnalysisSettings, EstimateSettings
-from semlive.data.storage import IN_MEMORY, Storage
 from semlive.estimate.joint.observations.block_means import BlockColumns, PackedColumns, StoredColumns
+from semlive.estimate.storage import IN_MEMORY, Storage
 from semlive.formats.log.messages import DriftMessage, from_json, to_json
 from semlive.model import Axis
 from semlive.service.control.analysis_events import parse_drift_update

@@ -15,7 +15,7 @@ def test_names_in_messages_are_not_kept() -> None:
     """pydantic keeps short strings that it reads, unless it is told not to: 0.1 kB for every exported file."""
 
     def read(number: int) -> None:
-        told = FileMessage(
+        reported = FileMessage(
             export=number,
             name=f"scan_{number}.tif",
             size=1,
@@ -25,7 +25,7 @@ def test_names_in_messages_are_not_kept() -> None:
             decision="arrived",
             reason=f"r{number}",
         )
-        from_json("/sem/file", to_json(told))
+        from_json("/sem/file", to_json(reported))
 
     read(0)
     tracemalloc.start()
@@ -48,9 +48,9 @@ def test_what_lies_free_in_between_is_given_back() -> None:
     if not Path("/proc/self/status").exists():  # only Linux tells
         return
     blocks = [bytearray(b"x") * 20_000 for _ in range(4000)]
-    kept = blocks[::50]
+    stored = blocks[::50]
     full = resident_kb()
     del blocks
     trim_heap()
     assert full - resident_kb() > 50_000
-    assert all(kept)
+    assert all(stored)

@@ -25,27 +25,27 @@ def random_map(number: int) -> DisparityMap:
 def test_maps_come_back_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(map_store, "_SLAB_BYTES", 256 * 1024)  # five maps of 50 kB
     store, given = MapStore(in_memory_bytes=100_000), [random_map(number) for number in range(40)]
-    kept = [store.store_map(one) for one in given]
+    stored = [store.store_map(item) for item in given]
     store.flush()
-    assert kept[0] is given[0]  # as long as there is room
-    assert kept[-1] is not given[-1]
-    for before, after in zip(given, kept, strict=True):
+    assert stored[0] is given[0]  # as long as there is room
+    assert stored[-1] is not given[-1]
+    for before, after in zip(given, stored, strict=True):
         for field in dataclasses.fields(DisparityMap):
-            one, other = getattr(before, field.name), getattr(after, field.name)
-            np.testing.assert_array_equal(one, other)
+            item, other = getattr(before, field.name), getattr(after, field.name)
+            np.testing.assert_array_equal(item, other)
             if isinstance(other, np.ndarray):
                 assert other.ctypes.data % 8 == 0
                 assert not other.flags.writeable
-                assert other.dtype == one.dtype
+                assert other.dtype == item.dtype
 
 
 def test_what_is_kept_outlives_the_store() -> None:
     store = MapStore(in_memory_bytes=0)
     given = random_map(2)
-    kept = store.store_map(given)
+    stored = store.store_map(given)
     store.flush()
     del store
-    np.testing.assert_array_equal(kept.u_px, given.u_px)
+    np.testing.assert_array_equal(stored.u_px, given.u_px)
 
 
 def test_pages_given_back_do_not_count_as_memory(tmp_path: Path) -> None:
@@ -54,16 +54,16 @@ def test_pages_given_back_do_not_count_as_memory(tmp_path: Path) -> None:
         return
 
     def mapped_kb() -> int:
-        (line,) = (one for one in status.read_text().splitlines() if one.startswith("Rss:"))
+        (line,) = (item for item in status.read_text().splitlines() if item.startswith("Rss:"))
         return int(line.split()[1])
 
-    store, one = MapStore(in_memory_bytes=0), random_map(2)
+    store, item = MapStore(in_memory_bytes=0), random_map(2)
     before = mapped_kb()
-    kept = [store.store_map(one) for _ in range(1000)]  # 50 MB
-    assert all(one.status.any() and one.u_px.any() and one.v_px.any() for one in kept)
+    stored = [store.store_map(item) for _ in range(1000)]  # 50 MB
+    assert all(item.status.any() and item.u_px.any() and item.v_px.any() for item in stored)
     full = mapped_kb()
     with store.flushing():
         pass
     assert full - before > 40_000
     assert mapped_kb() - before < 15_000
-    assert len(kept) == 1000
+    assert len(stored) == 1000

@@ -50,10 +50,10 @@ VALUES = some.builds(
 
 
 def same(one: Held, other: Held) -> bool:
-    told = [(each.number, each.size_px, each.name, each.side, each.parts) for each in (one, other)]
+    reported = [(each.number, each.size_px, each.name, each.side, each.parts) for each in (one, other)]
     kinds = [[type(part) for part in each.parts] for each in (one, other)]
     arrays_alike = one.array.dtype == other.array.dtype and one.array.shape == other.array.shape
-    return told[0] == told[1] and kinds[0] == kinds[1] and arrays_alike and one.array.tobytes() == other.array.tobytes()
+    return reported[0] == reported[1] and kinds[0] == kinds[1] and arrays_alike and one.array.tobytes() == other.array.tobytes()
 
 
 @given(some.lists(VALUES, max_size=6))
@@ -94,9 +94,9 @@ def test_what_has_the_same_number_takes_its_place() -> None:
 
 def test_an_array_that_is_kept_already_is_not_kept_twice() -> None:
     archive = PairArchive()
-    kept = archive.store_array(np.arange(1000.0))
-    shelf = archive.append((), [Held(0, 0.0, "", None, (), kept)])
-    assert np.shares_memory(shelf[0].array, kept)
+    stored = archive.store_array(np.arange(1000.0))
+    shelf = archive.append((), [Held(0, 0.0, "", None, (), stored)])
+    assert np.shares_memory(shelf[0].array, stored)
     assert shelf[0].array.ctypes.data % 64 == 0
 
 

@@ -70,18 +70,18 @@ CASES = [
 
 @pytest.mark.parametrize(("given", "key", "words"), CASES)
 def test_an_implausible_value_is_refused_until_it_is_confirmed(given: dict[str, Any], key: str, words: str) -> None:
-    found = {one.key: one for one in questions(parse_config(given, "run.yaml"))}
+    found = {item.key: item for item in questions(parse_config(given, "run.yaml"))}
     assert words in found[key].what
     with pytest.raises(BadConfig, match=r"run\.yaml: .*correct it, or confirm it by confirmed_unusual: \["):
         refuse_unusual(parse_config(given, "run.yaml"), "run.yaml")
     confirmed = parse_config({**given, "confirmed_unusual": list(found)}, "run.yaml")
-    assert all(one.confirmed for one in questions(confirmed))
+    assert all(item.confirmed for item in questions(confirmed))
     refuse_unusual(confirmed, "run.yaml")
 
 
 def test_every_key_that_can_be_confirmed_is_asked_about() -> None:
-    asked = {one.key for given, _, _ in CASES for one in questions(parse_config(given, "run.yaml"))}
-    assert asked | {"limits.extension_min_mm"} == set(CONFIRMABLE)
+    requests = {item.key for given, _, _ in CASES for item in questions(parse_config(given, "run.yaml"))}
+    assert requests | {"limits.extension_min_mm"} == set(CONFIRMABLE)
 
 
 def test_what_is_usual_is_not_asked_about() -> None:
@@ -115,13 +115,13 @@ def test_plan_and_doctor_ask_and_run_refuses(tmp_path: Path) -> None:
     (tmp_path / "export").mkdir()
     path = tmp_path / "run.yaml"
     path.write_text(yaml.safe_dump(changed("limits", force_max_n=40000)), encoding="utf-8")
-    told = json.loads(CliRunner().invoke(app, ["plan", str(path), "--json"]).stdout)
-    assert [(one["key"], one["confirmed"]) for one in told["unusual"]] == [("limits.force_max_n", False)]
+    reported = json.loads(CliRunner().invoke(app, ["plan", str(path), "--json"]).stdout)
+    assert [(item["key"], item["confirmed"]) for item in reported["unusual"]] == [("limits.force_max_n", False)]
     page = CliRunner().invoke(app, ["plan", str(path)]).stdout
     assert "? limits.force_max_n: 40000 N is 133 times" in page.replace("\n", " ")
     assert "-50 to 40000 N" in page
     findings = json.loads(CliRunner().invoke(app, ["doctor", str(path), "--json"]).stdout)["findings"]
-    assert [one["verdict"] for one in findings if one["what"] == "limits.force_max_n"] == ["bad"]
+    assert [item["verdict"] for item in findings if item["what"] == "limits.force_max_n"] == ["bad"]
     done = subprocess.run([sys.executable, "-m", "semlive", "run", str(path)], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1

@@ -37,5 +37,5 @@ def test_whoever_stops_asking_stops_the_making_too() -> None:
     found = prefetch(numbers(), 2)
     assert [next(found), next(found)] == [0, 1]
     found.close()  # pyright: ignore[reportAttributeAccessIssue]  (a generator)
-    assert not any(one.name == "ahead" for one in threading.enumerate())
+    assert not any(item.name == "ahead" for item in threading.enumerate())
     assert len(made) <= 6

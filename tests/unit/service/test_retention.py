@@ -53,7 +53,7 @@ def aged(folder: Path, age_days: float) -> None:
 
 
 def beyond(root: Path, **limits: float) -> list[str]:
-    return [one.folder.name for one in select_runs(root, Retention(**limits), NOW_S) if one.deleted_because]
+    return [item.folder.name for item in select_runs(root, Retention(**limits), NOW_S) if item.deleted_because]
 
 
 def test_the_oldest_go_first_and_only_as_many_as_the_limit_asks(tmp_path: Path) -> None:
@@ -136,9 +136,9 @@ def test_the_command_names_first_and_deletes_when_told(tmp_path: Path) -> None:
     assert old.is_dir()
     assert half.is_dir()
     done = CliRunner().invoke(app, ["prune", str(tmp_path), "--days", "30", "--delete", "--json"])
-    told = {Path(one["run"]).name: one for one in json.loads(done.output)["runs"]}
-    assert told["old"]["deleted"]
-    assert "can be resumed" in told["aborted"]["kept_because"]
+    reported = {Path(item["run"]).name: item for item in json.loads(done.output)["runs"]}
+    assert reported["old"]["deleted"]
+    assert "can be resumed" in reported["aborted"]["kept_because"]
     assert not old.exists()
     assert not half.exists()
     assert aborted.is_dir()

@@ -39,14 +39,14 @@ def systemd_peer() -> str:
     return found
 
 
-def test_without_a_manager_nothing_is_said() -> None:
+def test_without_a_manager_nothing_is_reported() -> None:
     silent = SystemdNotifier({"WATCHDOG_USEC": "1000"})
     silent.ready("run a")
     assert silent.watchdog_s is None
     asyncio.run(silent.watchdog())
 
 
-def test_ready_and_stopping_are_said(manager: socket.socket) -> None:
+def test_ready_and_stopping_are_reported(manager: socket.socket) -> None:
     one = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname()})
     one.ready("run a")
     one.status("half way")
@@ -63,12 +63,12 @@ def test_abstract_names_are_understood() -> None:
 
 def said(manager: socket.socket) -> list[bytes]:
     """What has come since."""
-    heard = []
+    received = []
     while True:
         try:
-            heard.append(manager.recv(100))
+            received.append(manager.recv(100))
         except BlockingIOError:
-            return heard
+            return received
 
 
 def test_the_watchdog_hears_a_living_loop_and_no_blocked_one(manager: socket.socket) -> None:
@@ -106,7 +106,7 @@ def test_a_manager_that_is_gone_or_deaf_stops_nobody(tmp_path: Path, manager: so
         deaf.status("x" * 1000)
 
 
-def test_the_daemon_tells_its_manager(tmp_path: Path, manager: socket.socket) -> None:
+def test_the_daemon_reports_its_manager(tmp_path: Path, manager: socket.socket) -> None:
     (tmp_path / "export").mkdir()
     config = {
         "run": {"name": "waits", "folder": "log"},
@@ -119,14 +119,14 @@ def test_the_daemon_tells_its_manager(tmp_path: Path, manager: socket.socket) ->
     environ = {**os.environ, "NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "600000"}
     manager.settimeout(100.0)
     with subprocess.Popen(command, env=environ, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as daemon:
-        heard = []
-        while not heard or not heard[-1].startswith(b"READY"):
-            heard.append(manager.recv(100))
+        received = []
+        while not received or not received[-1].startswith(b"READY"):
+            received.append(manager.recv(100))
         daemon.terminate()
-        while heard[-1] != b"STOPPING=1":
-            heard.append(manager.recv(100))
+        while received[-1] != b"STOPPING=1":
+            received.append(manager.recv(100))
         daemon.wait(150)
-    assert set(heard) == {b"WATCHDOG=1", b"READY=1\nSTATUS=run waits", b"STOPPING=1"}
+    assert set(received) == {b"WATCHDOG=1", b"READY=1\nSTATUS=run waits", b"STOPPING=1"}
 
 
 @pytest.mark.checkout
@@ -140,9 +140,9 @@ def test_the_unit_gives_away_little(systemd_peer: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.checkout
-def test_the_unit_says_what_the_daemon_keeps() -> None:
+def test_the_unit_reports_what_the_daemon_keeps() -> None:
     text = UNIT.read_text(encoding="utf-8")
-    wanted = (
+    required = (
         "Type=notify",
         "WatchdogSec=",
         "CacheDirectory=semlive",
@@ -150,6 +150,6 @@ def test_the_unit_says_what_the_daemon_keeps() -> None:
         "MemoryDenyWriteExecute=no",
         "Restart=no",
     )
-    assert not [one for one in wanted if one not in text]
+    assert not [one for one in required if one not in text]
     used = set(re.findall(r"/bin/semlive (\w+)", text))
     assert used <= {one.name for one in COMMANDS}

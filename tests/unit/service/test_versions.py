@@ -12,7 +12,7 @@ def git(folder: Path, *arguments: str) -> str:
     return subprocess.run(["git", "-C", str(folder), *who, *arguments], capture_output=True, text=True, check=True).stdout.strip()
 
 
-def test_the_commit_is_that_of_the_folder_and_says_whether_files_were_changed(tmp_path: Path) -> None:
+def test_the_commit_is_that_of_the_folder_and_reports_whether_files_were_changed(tmp_path: Path) -> None:
     git(tmp_path, "init", "-q")
     (tmp_path / "file").write_text("one", encoding="utf-8")
     git(tmp_path, "add", "file")
@@ -29,6 +29,6 @@ def test_where_there_is_no_repository_nobody_knows_the_commit(tmp_path: Path) ->
 
 
 def test_a_log_names_what_it_was_made_with() -> None:
-    told = versions(("numpy",))
-    assert told["semlive"] == version("semlive")
-    assert told["numpy"] == version("numpy")
+    reported = versions(("numpy",))
+    assert reported["semlive"] == version("semlive")
+    assert reported["numpy"] == version("numpy")

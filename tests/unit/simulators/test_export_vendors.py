@@ -72,18 +72,18 @@ def test_the_same_frame_gives_the_same_files(vendor: Vendor) -> None:
 def test_zeiss_keys_and_their_traps() -> None:
     with tifffile.TiffFile(io.BytesIO(product(Vendor.ZEISS).image)) as tif:
         assert tif.is_sem
-        told = tif.sem_metadata
+        reported = tif.sem_metadata
         page = tif.pages[0]
         twin = page.tags[34119].value  # type: ignore[union-attr]
         assert page.photometric == tifffile.PHOTOMETRIC.PALETTE  # type: ignore[union-attr]
-    assert told is not None
-    assert told["ap_line_time"] == ("Line Time", 107.09, "ms")
-    assert told["ap_frame_time"] == ("Cycle Time", 1.6, "Mins")
-    assert told["dp_dwell_time"] == ("Dwell Time", 50, "ns")
-    assert told["ap_image_pixel_size"] == ("Image Pixel Size", 1.25, "µm")
-    assert told[""][3] == pytest.approx(1.25e-6)
-    assert told["ap_date"] == ("Date", f"{END.day} {END:%b} {END.year}")
-    assert told["ap_time"] == ("Time", f"{END.hour}:{END:%M:%S}")
+    assert reported is not None
+    assert reported["ap_line_time"] == ("Line Time", 107.09, "ms")
+    assert reported["ap_frame_time"] == ("Cycle Time", 1.6, "Mins")
+    assert reported["dp_dwell_time"] == ("Dwell Time", 50, "ns")
+    assert reported["ap_image_pixel_size"] == ("Image Pixel Size", 1.25, "µm")
+    assert reported[""][3] == pytest.approx(1.25e-6)
+    assert reported["ap_date"] == ("Date", f"{END.day} {END:%b} {END.year}")
+    assert reported["ap_time"] == ("Time", f"{END.hour}:{END:%M:%S}")
     assert "AP_LINE_TIME" in bytes(twin).decode("utf-16-le")
 
 
@@ -91,11 +91,11 @@ def test_zeiss_pixel_size_is_told_for_an_image_of_1024_px() -> None:
     wide = replace(SCAN, width_px=512, height_px=442, frame_time_s=47.0)
     data = Export(WriteStyle.DIRECT, 0.5, 1.5, 6, BAR, "a", Vendor.ZEISS).encode(IMAGE[:442, :512], replace(FACTS, scan=wide)).image
     with tifffile.TiffFile(io.BytesIO(data)) as tif:
-        told = tif.sem_metadata
-    assert told is not None
-    assert told["ap_pixel_size"] == ("Pixel Size", 625, "nm")
-    assert told["ap_image_pixel_size"] == ("Image Pixel Size", 1.25, "µm")
-    assert told[""][3] == pytest.approx(0.625e-6)
+        reported = tif.sem_metadata
+    assert reported is not None
+    assert reported["ap_pixel_size"] == ("Pixel Size", 625, "nm")
+    assert reported["ap_image_pixel_size"] == ("Image Pixel Size", 1.25, "µm")
+    assert reported[""][3] == pytest.approx(0.625e-6)
 
 
 def test_half_a_zeiss_file_filled_with_zeros_decodes_without_error() -> None:
@@ -117,25 +117,25 @@ def test_tescan_chain_of_blocks_and_two_clocks() -> None:
         chain = chain[4 + length :]
     assert sorted(blocks) == [0, 1, 2, 3]
     assert cv2.imdecode(np.frombuffer(blocks[1], np.uint8), cv2.IMREAD_UNCHANGED).shape == (128, 148)
-    told = dict(line.split("=", 1) for line in (blocks[2] + blocks[3]).decode("cp1252").splitlines())
-    assert (told["PixelSizeX"], told["PixelSizeY"], told["DwellTime"]) == ("1.2500e-6", "1.2500e-6", "100.00e-6")
-    assert told["ImageStripSize"] == "60"
-    assert told["AccFrames"] == "1"
-    assert f"{told['Date']} {told['Time']}" == f"{END:%Y-%m-%d %H:%M:%S}"
+    reported = dict(line.split("=", 1) for line in (blocks[2] + blocks[3]).decode("cp1252").splitlines())
+    assert (reported["PixelSizeX"], reported["PixelSizeY"], reported["DwellTime"]) == ("1.2500e-6", "1.2500e-6", "100.00e-6")
+    assert reported["ImageStripSize"] == "60"
+    assert reported["AccFrames"] == "1"
+    assert f"{reported['Date']} {reported['Time']}" == f"{END:%Y-%m-%d %H:%M:%S}"
     later = datetime.strptime(saved, "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
     assert (later - END).total_seconds() == 11
 
 
-def test_jeol_is_compressed_and_its_sidecar_tells_the_size_without_bar() -> None:
+def test_jeol_is_compressed_and_its_sidecar_reports_the_size_without_bar() -> None:
     made = product(Vendor.JEOL)
     with tifffile.TiffFile(io.BytesIO(made.image)) as tif:
         assert tif.pages[0].compression == tifffile.COMPRESSION.LZW  # type: ignore[union-attr]
         assert tif.pages[0].tags[317].value == 2  # type: ignore[union-attr]
     assert made.sidecar is not None
-    told = dict((*line.split(" ", 1), "")[:2] for line in made.sidecar.decode("cp1252").splitlines())
-    assert told["$CM_FULL_SIZE"] == "1024 884"
-    assert (told["$$SM_MICRON_BAR"], told["$$SM_MICRON_MARKER"]) == ("160", "200um")
-    assert (told["$CM_DATE"], told["$CM_TIME"]) == (f"{END:%Y/%m/%d}", f"{END:%H:%M:%S}")
+    reported = dict((*line.split(" ", 1), "")[:2] for line in made.sidecar.decode("cp1252").splitlines())
+    assert reported["$CM_FULL_SIZE"] == "1024 884"
+    assert (reported["$$SM_MICRON_BAR"], reported["$$SM_MICRON_MARKER"]) == ("160", "200um")
+    assert (reported["$CM_DATE"], reported["$CM_TIME"]) == (f"{END:%Y/%m/%d}", f"{END:%H:%M:%S}")
 
 
 def test_hitachi_sidecar_has_the_day_first_and_counts_the_bar() -> None:
@@ -143,18 +143,18 @@ def test_hitachi_sidecar_has_the_day_first_and_counts_the_bar() -> None:
     assert sidecar is not None
     head, *lines = sidecar.decode("cp1252").splitlines()
     assert head == "[SemImageFile]"
-    told = dict(line.split("=", 1) for line in lines)
-    assert told["DataSize"] == "1024x944"
-    assert float(told["PixelSize"]) == 1250
-    assert told["ImageName"] == "x200_0005.tif"
-    assert (told["Date"], told["Time"]) == (f"{END:%d/%m/%Y}", f"{END:%H:%M:%S}")
+    reported = dict(line.split("=", 1) for line in lines)
+    assert reported["DataSize"] == "1024x944"
+    assert float(reported["PixelSize"]) == 1250
+    assert reported["ImageName"] == "x200_0005.tif"
+    assert (reported["Date"], reported["Time"]) == (f"{END:%d/%m/%Y}", f"{END:%H:%M:%S}")
 
 
-def test_integration_is_told_as_each_vendor_tells_it() -> None:
+def test_integration_is_told_as_each_vendor_reports_it() -> None:
     export = Export(WriteStyle.DIRECT, 0.5, 1.5, 6, 0, "a", Vendor.FEI)
     lines = replace(FACTS, scan=replace(SCAN, integrations=4, integration="line"))
     frames = replace(FACTS, scan=replace(SCAN, integrations=16, integration="frame"))
-    told = {}
+    reported = {}
     for name, facts in (("lines", lines), ("frames", frames)):
         with tifffile.TiffFile(io.BytesIO(export.encode(IMAGE, facts).image)) as tif:
             fei = tif.fei_metadata
@@ -162,14 +162,14 @@ def test_integration_is_told_as_each_vendor_tells_it() -> None:
             zeiss = tif.sem_metadata
         assert fei is not None
         assert zeiss is not None
-        told[name] = fei, zeiss
-    fei, zeiss = told["lines"]
+        reported[name] = fei, zeiss
+    fei, zeiss = reported["lines"]
     assert (fei["EScan"]["LineIntegration"], fei["Image"]["Integrate"]) == (4, 1)
     assert fei["EScan"]["LineTime"] == 4 * SCAN.row_time_s  # all passes, but the dwell of one
     assert fei["EScan"]["Dwell"] == SCAN.dwell_time_s
     assert zeiss["ap_line_time"] == ("Line Time", 428.37, "ms")
     assert zeiss["ap_line_average_count"] == ("Line Avg.Count", 4)
-    fei, zeiss = told["frames"]
+    fei, zeiss = reported["frames"]
     assert (fei["EScan"]["LineIntegration"], fei["Image"]["Integrate"]) == (1, 16)
     assert fei["EScan"]["FrameTime"] == SCAN.frame_time_s
     assert zeiss["ap_frame_int_count"] == ("Frames to Int.", 16)

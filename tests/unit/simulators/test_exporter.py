@@ -64,7 +64,7 @@ def test_the_same_frame_gives_the_same_bytes() -> None:
     assert encode_tiff(IMAGE, FACTS, databar_rows=60) == DATA
 
 
-def test_fei_tells_integrated_frames_and_where_the_beam_is() -> None:
+def test_fei_reports_integrated_frames_and_where_the_beam_is() -> None:
     scan = replace(SCAN, integrations=16, rotation_rad=0.1)
     facts = replace(FACTS, scan=scan, beam_x_um=0.25, beam_y_um=-0.5)
     with tifffile.TiffFile(io.BytesIO(encode_tiff(IMAGE, facts, databar_rows=60))) as tif:

@@ -117,10 +117,10 @@ STORY: tuple[Payload, ...] = (
 
 
 def views() -> list[PageState]:
-    told = [PageState()]
+    reported = [PageState()]
     for number, payload in enumerate(STORY):
-        told.append(reduce(told[-1], message(payload, START_NS + number)))
-    return told
+        reported.append(reduce(reported[-1], message(payload, START_NS + number)))
+    return reported
 
 
 def test_pieces_add_up_to_the_whole() -> None:
@@ -146,26 +146,26 @@ def test_what_did_not_change_is_not_told() -> None:
 
 
 def test_a_fault_comes_with_what_to_do() -> None:
-    told = views()[-2]
-    assert (told.protocol.state, told.protocol.message, told.protocol.asks) == ("fault", "the load is beyond its limit", True)
-    assert "Check specimen and load frame" in told.protocol.advice
-    full, limit = told.alarms
+    reported = views()[-2]
+    assert (reported.protocol.state, reported.protocol.message, reported.protocol.asks) == ("fault", "the load is beyond its limit", True)
+    assert "Check specimen and load frame" in reported.protocol.advice
+    full, limit = reported.alarms
     assert (full.text, full.code, full.advice) == (
         "log: it is full",
         "log",
         "Free space on the disk; when the log is written again, press Resume.",
     )
     assert (limit.text, limit.code, limit.time_s) == ("the load is beyond its limit", "limit", 7.0)
-    assert told.frames.refused[0].reason == "a.tif came too early"
+    assert reported.frames.refused[0].reason == "a.tif came too early"
 
 
 def test_an_alarm_stays_until_it_is_acknowledged() -> None:
     view = reduce(
         views()[-1], message(FaultMessage(time_ns=at(9), what="it moves on", where="load frame", action="", code="stop_not_obeyed"), 99)
     )
-    assert [one.disobeyed for one in view.alarms] == [False, False, True]
+    assert [item.disobeyed for item in view.alarms] == [False, False, True]
     assert "own emergency stop" in view.alarms[-1].advice
-    assert {one.acknowledged_s for one in view.alarms} == {None}
+    assert {item.acknowledged_s for item in view.alarms} == {None}
     for number in range(300):
         view = reduce(view, message(LogLineMessage(time_ns=at(10 + number), level="warning", text="slow"), 100 + number))
         view = reduce(
@@ -175,7 +175,7 @@ def test_an_alarm_stays_until_it_is_acknowledged() -> None:
     assert view.alarms[0].disobeyed
     args = {"alarm": view.alarms[0].identity, "by": "terminal"}
     view = reduce(view, message(OperatorMessage(time_ns=at(400), what="acknowledge", args=args), 999))
-    assert not any(one.disobeyed for one in view.alarms)
+    assert not any(item.disobeyed for item in view.alarms)
     newest = view.alarms[-1]
     args = {"alarm": newest.identity, "by": "terminal"}
     view = reduce(view, message(OperatorMessage(time_ns=at(401), what="acknowledge", args=args), 1000))
@@ -193,34 +193,34 @@ def test_names_from_outside_are_shown_without_control_characters() -> None:
 
 
 def test_the_hold_s_end_is_known_only_while_it_lasts() -> None:
-    ends = {told.protocol.state: told.protocol.hold_end_s for told in views()}
+    ends = {reported.protocol.state: reported.protocol.hold_end_s for reported in views()}
     assert ends["holding"] == 32.0
     assert {end for where, end in ends.items() if where != "holding"} == {None}
 
 
 def test_a_question_stays_until_it_is_answered_or_taken_back() -> None:
-    told = views()
-    asked = next(one for one in told if one.desk.told)
-    assert [(one.question, one.wanted) for one in asked.desk.questions] == [("terminal.1", "load_n")]
-    assert not told[-1].desk.questions
-    ended = reduce(asked, message(state(9, "fault", "aborted", "abort"), START_NS + 99))
+    reported = views()
+    requests = next(item for item in reported if item.desk.told)
+    assert [(item.question, item.wanted) for item in requests.desk.questions] == [("terminal.1", "load_n")]
+    assert not reported[-1].desk.questions
+    ended = reduce(requests, message(state(9, "fault", "aborted", "abort"), START_NS + 99))
     assert not ended.desk.questions
 
 
 def test_the_gate_s_verdict_and_the_pair_that_it_adds() -> None:
-    told = next(one for one in views() if one.schedule.measures)
-    assert told.drift.verdict == "warming up: forecast 3 ± 0.6 px/min, 0.6 px/min required, waited 2 min"
-    steps = full_state(told)["schedule"]["steps"]
-    assert [(one["warm_up"], one["load_n"]) for one in steps] == [(True, None), (False, None), (False, 100.0), (False, 200.0)]
+    reported = next(item for item in views() if item.schedule.measures)
+    assert reported.drift.verdict == "warming up: forecast 3 ± 0.6 px/min, 0.6 px/min required, waited 2 min"
+    steps = full_state(reported)["schedule"]["steps"]
+    assert [(item["warm_up"], item["load_n"]) for item in steps] == [(True, None), (False, None), (False, 100.0), (False, 200.0)]
     done = Step(0, Phase.CALIBRATION, (0.0, 0.0), (0.0, 0.0), None, warm_up=True)
-    assert told.schedule.planned[0].warm_up is False
+    assert reported.schedule.planned[0].warm_up is False
     assert done.warm_up
 
 
 def test_drift_is_that_of_the_newest_revision_and_its_forecast_goes_on_from_there() -> None:
     known = views()[-1].drift
-    assert [one.frame for one in known.frames] == [0, 1, 2]
-    assert [one.rows[0][1] for one in known.frames] == [pytest.approx(0.1), pytest.approx(0.2), pytest.approx(0.2)]
+    assert [item.frame for item in known.frames] == [0, 1, 2]
+    assert [item.rows[0][1] for item in known.frames] == [pytest.approx(0.1), pytest.approx(0.2), pytest.approx(0.2)]
     assert known.rate_px_s == (pytest.approx(0.05), pytest.approx(0.01))
     last = known.frames[-1].rows[-1]
     assert known.forecast[0] == last
@@ -260,5 +260,5 @@ def test_maps_are_what_was_correlated_and_points_that_do_not_count_are_no_number
     assert store.read(3, "../../passwords") is None
     view = with_maps(views()[-1], fields)
     assert view.maps.grid == (10, 20, 5, 4, 3, 21)
-    assert [(one.frame, one.fields) for one in view.maps.frames] == [(3, ("disparity_u", "disparity_v", "zncc"))]
+    assert [(item.frame, item.fields) for item in view.maps.frames] == [(3, ("disparity_u", "disparity_v", "zncc"))]
     assert (view.quality[-1].converged, view.quality[-1].zncc) == (11, pytest.approx(0.9))

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import get_blas_funcs, solve_triangular
 
-from semlive.data.storage import IN_MEMORY, Storage
 from semlive.estimate.joint.elimination.arrowhead import cholesky, regularise
 from semlive.estimate.joint.elimination.pair_information import (
     PairInformation,
@@ -47,6 +46,7 @@ from semlive.estimate.joint.elimination.shared_parameters import (
 )
 from semlive.estimate.joint.observations.priors import Hyperparameters
 from semlive.estimate.joint.observations.state import EstimatorState
+from semlive.estimate.storage import IN_MEMORY, Storage
 
 ROWS_PER_BATCH = 256  # rows by which the border is brought up to date at once, which takes a third of the time of one pair after another
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.grid import Grid
-from semlive.data.storage import Storage
+from semlive.estimate.storage import Storage
 from semlive.kernels.spline_columns import local_sums, tensor_sums
 from semlive.model import Axis, Columns, TensorColumns
 

@@ -13,9 +13,9 @@ from semlive.data.drift import FrameTime
 from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.data.storage import IN_MEMORY, Storage
 from semlive.errors import IllPosed
 from semlive.estimate.joint.observations.block_means import BlockColumns, Blocks, PackedColumns, StoredColumns
+from semlive.estimate.storage import IN_MEMORY, Storage
 from semlive.model import (
     DistortionSpline,
     DriftSpline,

@@ -82,10 +82,10 @@ def consistency(solution: Solution) -> tuple[HalfSplitCheck, ...]:
         )
     solution = replace(solution, state=with_normal_matrix(solution.state))
     state = solution.state
-    left_half = (np.arange(state.blocks.size) % state.blocks.layout[1]) < state.blocks.layout[1] // 2
+    first_half = (np.arange(state.blocks.size) % state.blocks.layout[1]) < state.blocks.layout[1] // 2
     every = np.ones(state.blocks.size, dtype=np.bool_)
     return (
-        _agreement(solution, FIELD, lambda rows: left_half, _within_frames(state)),
+        _agreement(solution, FIELD, lambda rows: first_half, _within_frames(state)),
         _agreement(solution, PAIRS, lambda rows: every & (rows.current // 2 % 2 == 1), _of_all(state, _shape_of_distortion(state))),
     )
 

@@ -22,22 +22,17 @@ ALONG = 13  # places along the longer side of the grid; the uncertainty of a cor
 TOGETHER = 32  # maps for one way back along the chain: 60 MB of their functions of the parameters
 
 
-def correction_sigma(solution: Solution, dmap: DisparityMap) -> tuple[Field, Field]:
-    """Standard uncertainty (ny, nx) along x and y of the correction of a map, px, without its mean over the field.
+def correction_sigmas(solution: Solution, maps: Iterable[DisparityMap]) -> Iterator[tuple[Field, Field]]:
+    """Standard uncertainty (ny, nx) along x and y of the correction of each map, px, without its mean over the field.
 
-    The error is independent of the DIC noise of the frame and correlated over the field and from frame to frame. Its mean is not
-    distinguishable from the motion of the specimen (F4) and is reported there as `shift_sigma_px`. It is computed at some positions and
-    interpolated.
+    Several maps share one backward pass of the smoother. The error is independent of the DIC noise of the frame and correlated over the
+    field and from frame to frame. Its mean is not distinguishable from the motion of the specimen (F4) and is reported there as
+    `shift_sigma_px`. It is computed at some positions and interpolated.
 
     Raises:
-        IllPosed: the frame of the map is not part of the estimate.
-        ValueError: the map does not start from frame 0.
+        IllPosed: the frame of a map is not part of the estimate.
+        ValueError: a map does not start from frame 0.
     """
-    return next(correction_sigmas(solution, (dmap,)))
-
-
-def correction_sigmas(solution: Solution, maps: Iterable[DisparityMap]) -> Iterator[tuple[Field, Field]]:
-    """Uncertainties of many maps in their order; several maps share one backward pass of the smoother."""
     queue = iter(maps)
     while together := tuple(islice(queue, TOGETHER)):
         of_pair: dict[int, list[int]] = {}

@@ -51,10 +51,10 @@ def _neighbours(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[tup
 
 def _drift_of_halves(solution: Solution, pairs: tuple[int, ...], around: tuple[int, ...]) -> tuple[Field, Field]:
     state, columns = solution.state, solution.state.blocks.layout[1]
-    left_half = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
+    first_half = ((np.arange(state.blocks.size) % columns) < columns // 2)[:, None]
     rows = rows_of(state, pairs)
     halves = [
-        tuple(replace(map_rows, weight=np.where(side, map_rows.weight, 0.0)) for map_rows in rows) for side in (left_half, ~left_half)
+        tuple(replace(map_rows, weight=np.where(side, map_rows.weight, 0.0)) for map_rows in rows) for side in (first_half, ~first_half)
     ]
     noise_px = solution.shared_posterior.step[solution.shared_posterior.chain.border.part(NOISE)]
     bands = [banded_system(replace(state, rows=half), solution.hyper, solution.mean, noise_px, around) for half in (*halves, ())]

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
 from semlive.data.drift import TermTest
-from semlive.data.storage import IN_MEMORY, Storage
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.arrowhead import ArrowheadFactor, cholesky, factorise, regularise, sides
 from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_all
@@ -22,6 +21,7 @@ from semlive.estimate.joint.selection.marginal_likelihood import LocalLikelihood
 from semlive.estimate.joint.selection.model_selection import COUPLING_SIGMAS, distortion_advection, raster_terms
 from semlive.estimate.joint.selection.row_term import row_groups, row_shift_term_test
 from semlive.estimate.joint.solution.residual_noise import MIN_FINAL_BLOCK_NOISE_PX, estimated_noise, residuals
+from semlive.estimate.storage import IN_MEMORY, Storage
 
 HUBER = 5.0
 """Limit of normalised residuals, in noise scales; of 32,000 block means of pure noise, one in fifty runs exceeds it."""

@@ -6,6 +6,7 @@ from semlive.data.experiment import Step
 from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.loading import FrameLoad
 from semlive.data.scan import Provenance, Sourced
+from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.log.messages.base import Message, MonotonicStamped
 
 
@@ -68,6 +69,7 @@ class ScanMessage(Message):
     start_anchor: str = "end"
     embedded_time_ns: int | None = None
     notes: tuple[str, ...] = ()
+    geometry: ScanGeometry = ScanGeometry()
 
 
 class PairMessage(Message):

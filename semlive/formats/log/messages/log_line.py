@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pydantic import model_serializer, model_validator
 
 from semlive.formats.log.messages.base import Message, MonotonicStamped
@@ -69,7 +67,7 @@ class LogLineMessage(MonotonicStamped):
 
     @model_validator(mode="before")
     @classmethod
-    def _from_foxglove(cls, values: Any) -> Any:
+    def _from_foxglove(cls, values: object) -> object:
         if not isinstance(values, dict) or not isinstance(values.get("level"), int):
             return values
         level = values["level"]

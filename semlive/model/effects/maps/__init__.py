@@ -1,1 +1,1 @@
-"""The effects that disparity maps show, one file each."""
+"""The effects that disparity maps show, one module for each kind."""

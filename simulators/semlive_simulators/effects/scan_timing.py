@@ -1,0 +1,170 @@
+"""Effects on the times at which pixels are visited, and on the recorded times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.microscope.scan import Scan, Timing
+
+
+@dataclass(frozen=True, slots=True)
+class BidirectionalScan(Effect):
+    """Odd rows are scanned from right to left, with a lag of the beam in both directions.
+
+    t = (W - 1 - x) t_D + y t_R in odd rows; u = (-1)^y lag / 2.
+
+    Attributes:
+        lag_px: offset between rows of the two directions, px.
+    """
+
+    name: ClassVar[str] = "bidirectional_scan"
+
+    lag_px: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> BidirectionalScan:
+        """1 px."""
+        return cls(pick_by_magnification(magnification, 1.0, 1.0))
+
+    def retime(self, timing: Timing, scan: Scan) -> Timing:
+        """Reverse the odd rows."""
+        return replace(timing, reversed_rows=np.arange(scan.height_px) % 2 == 1)
+
+    def offset_px(self, at: PixelVisits) -> Plane:
+        """An offset of alternating sign from row to row."""
+        return np.where(at.y_px % 2 == 1, -0.5, 0.5) * self.lag_px, np.zeros((1, 1))
+
+
+@dataclass(frozen=True, slots=True)
+class InterlacedScan(Effect):
+    """The even rows are scanned first, then the odd ones.
+
+    t = (y mod 2) t_F / 2 + floor(y / 2) t_R + x t_D.
+    """
+
+    name: ClassVar[str] = "interlaced_scan"
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> InterlacedScan:
+        """The effect has no parameters."""
+        pick_by_magnification(magnification, 0.0, 0.0)
+        return cls()
+
+    def retime(self, timing: Timing, scan: Scan) -> Timing:
+        """Set the start of each row in its field."""
+        rows = np.arange(scan.height_px)
+        later = ((rows % 2) * ((scan.height_px + 1) // 2) + rows // 2 - rows) * timing.row_time_s
+        return replace(timing, row_start_s=timing.row_start_s + later)
+
+
+@dataclass(frozen=True, slots=True)
+class WrongRowTime(Effect):
+    """The true row time differs from the file header.
+
+    t = y t_R (1 + delta) + x t_D.
+
+    Attributes:
+        row_time_error: delta, true row time divided by the stated one, minus 1.
+    """
+
+    name: ClassVar[str] = "wrong_row_time"
+
+    row_time_error: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> WrongRowTime:
+        """4.4 %: an estimate without fly-back, with W t_D = 0.1024 s instead of t_R = 0.1071 s."""
+        return cls(pick_by_magnification(magnification, 0.044, 0.044))
+
+    def retime(self, timing: Timing, scan: Scan) -> Timing:
+        """Stretch all row starts."""
+        stretch = 1 + self.row_time_error
+        return replace(timing, row_start_s=timing.row_start_s * stretch, row_time_s=timing.row_time_s * stretch)
+
+
+@dataclass(frozen=True, slots=True)
+class WrongDwell(Effect):
+    """The true dwell time differs from the file header, the row time does not.
+
+    t = y t_R + x t_D (1 + delta).
+
+    Attributes:
+        dwell_error: delta, true dwell time divided by the stated one, minus 1.
+    """
+
+    name: ClassVar[str] = "wrong_dwell"
+
+    dwell_error: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> WrongDwell:
+        """3 %."""
+        return cls(pick_by_magnification(magnification, 0.03, 0.03))
+
+    def retime(self, timing: Timing, scan: Scan) -> Timing:
+        """Change the dwell time."""
+        return replace(timing, dwell_time_s=timing.dwell_time_s * (1 + self.dwell_error))
+
+
+@dataclass(frozen=True, slots=True)
+class TimestampOffset(Effect):
+    """The clock of the microscope differs from that of the load frame.
+
+    The time in the files is T + dt.
+
+    Attributes:
+        offset_s: dt.
+    """
+
+    name: ClassVar[str] = "timestamp_offset"
+
+    offset_s: float
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> TimestampOffset:
+        """5 s."""
+        return cls(pick_by_magnification(magnification, 5.0, 5.0))
+
+    def stamp_s(self, true_s: float) -> float:
+        """Add the offset."""
+        return true_s + self.offset_s
+
+
+@dataclass(frozen=True, slots=True)
+class FrameIntegration(Effect):
+    """A frame is the mean of several fast scans with the total duration in the file header.
+
+    t = m t_F / M + (y t_R + x t_D) / M, m = 0 ... M - 1, and the mean over m.
+
+    Attributes:
+        scans: M.
+    """
+
+    name: ClassVar[str] = "frame_integration"
+
+    scans: int
+
+    def __post_init__(self) -> None:
+        if self.scans < 1:
+            raise ValueError(f"scans must be at least 1, not {self.scans}")
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> FrameIntegration:
+        """4 or 16 scans."""
+        return cls(round(pick_by_magnification(magnification, 4, 16)))
+
+    def retime(self, timing: Timing, scan: Scan) -> Timing:
+        """Each visit becomes `scans` visits in the same time."""
+        begin_s = timing.row_start_s / self.scans
+        later_s = np.arange(self.scans)[:, None, None] * scan.duration_s / self.scans
+        row_start_s = (begin_s + later_s).reshape(-1, scan.height_px)
+        return replace(
+            timing,
+            row_start_s=row_start_s,
+            dwell_time_s=timing.dwell_time_s / self.scans,
+            row_time_s=timing.row_time_s / self.scans,
+        )

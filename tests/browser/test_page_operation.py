@@ -1,0 +1,162 @@
+"""The page in a browser: order of late replies, screen readers and alarms."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.grid import Grid
+from semlive.formats.log.maps import encode_map
+from semlive.formats.log.messages import DIC_MAP, FaultMessage, OperatorMessage
+
+from .guarded_run import Run, guarded_run
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    with guarded_run(tmp_path_factory.mktemp("run")) as guarded:
+        yield guarded
+
+
+def test_a_map_on_its_way_lends_its_name_and_unit_to_no_other(run: Run, tab: Callable[..., Page]) -> None:
+    half, ones = np.full((3, 4), 0.5), np.ones((3, 4))
+    ready = np.full((3, 4), PoiStatus.CONVERGED, dtype=np.uint8)
+    run.recorder.write(DIC_MAP, encode_map(DisparityMap(0, 1, Grid(10, 10, 5, 4, 3, 21), half, half, half, half, ones, ready)))
+    run.recorder.flush()
+    page, held = tab(), []
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    reported = page.locator("#map-now")
+    expect(reported).to_contain_text("disparity u, as measured, frame 1: mean 0.500 px")
+    page.route("**/zncc*", lambda route: held.append(route))
+    with page.expect_request("**/zncc*"):
+        page.get_by_label("Show").select_option("zncc")
+    page.locator("#map").focus()
+    page.keyboard.press("ArrowRight")
+    expect(reported).to_contain_text("0.5000 px; mean 0.500 px")
+    held[0].continue_()
+    expect(reported).to_contain_text(": 1.000 ; mean 1.00")
+
+
+def test_the_newest_frame_is_shown_though_it_came_while_another_was_fetched(run: Run, tab: Callable[..., Page]) -> None:
+    page, held = tab(), []
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    page.route("**/frame/1.png", lambda route: held.append(route))
+    with page.expect_request("**/frame/1.png"):
+        run.export(1, "first.tif")
+    run.export(2, "second.tif")
+    expect(page.locator("#refused-now")).to_contain_text("2 files arrived")
+    held[0].continue_()
+    expect(page.locator("#frame-now")).to_contain_text("second.tif")
+
+
+def test_readers_of_screens_find_their_way(run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]) -> None:
+    requests = {"text": "in MICROTEST, bring the load to 100 N", "question": "terminal.1", "wanted": "load_n"}
+    run.recorder.write("/operator", OperatorMessage(time_ns=run.clock.now_ns(), what="asked", args=requests))
+    run.enter("paused")
+    for scheme in ("light", "dark"):
+        page = tab(color_scheme=scheme)
+        page.goto(f"http://127.0.0.1:{run.port}/")
+        expect(page.get_by_role("alert")).to_contain_text("paused")
+        expect(page.get_by_label("in MICROTEST, bring the load to 100 N")).to_be_visible()
+        readable(page)
+        for opener in ("Abort…", "Token…"):
+            page.get_by_role("button", name=opener).click()
+            readable(page)
+            page.keyboard.press("Escape")
+
+
+def test_readers_of_screens_are_told_of_a_map_on_its_way(run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]) -> None:
+    half, ones = np.full((3, 4), 0.5), np.ones((3, 4))
+    ready = np.full((3, 4), PoiStatus.CONVERGED, dtype=np.uint8)
+    run.recorder.write(DIC_MAP, encode_map(DisparityMap(0, 1, Grid(10, 10, 5, 4, 3, 21), half, half, half, half, ones, ready)))
+    run.recorder.flush()
+    page, held = tab(), []
+    page.route("**/field/**", lambda route: held.append(route))
+    with page.expect_request("**/field/**"):
+        page.goto(f"http://127.0.0.1:{run.port}/")
+    expect(page.locator("#map")).to_be_visible()
+    readable(page)
+    held[0].continue_()
+    expect(page.locator("#map-now")).to_contain_text("mean 0.500 px")
+    readable(page)
+
+
+def raised(run: Run, code: str, what: str) -> str:
+    """An alarm is written; gives its identity."""
+    now_ns = run.clock.now_ns()
+    run.recorder.write("/fault", FaultMessage(time_ns=now_ns, what=what, where="load frame", action="stopped", code=code))
+    run.recorder.flush()
+    return str(now_ns)
+
+
+def acknowledged(run: Run, identity: str) -> None:
+    """The run has taken an acknowledgement, and writes it down."""
+    assert run.heard.pop() == (identity, "page at 127.0.0.1")
+    args = {"alarm": identity, "by": "page at 127.0.0.1"}
+    run.recorder.write("/operator", OperatorMessage(time_ns=run.clock.now_ns(), what="acknowledge", args=args))
+    run.recorder.flush()
+
+
+def test_an_alarm_is_shown_to_everybody_until_it_is_acknowledged(
+    run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]
+) -> None:
+    first, second = raised(run, "limit", "the load is beyond its limit"), raised(run, "stop_not_obeyed", "it moves on after 12 stops")
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/#token={run.control.token}")
+    banner, bar, listed = page.locator("#disobeyed"), page.locator("#open-alarms"), page.locator("#alarms li")
+    for _ in range(2):
+        expect(banner).to_contain_text("press the machine's own emergency stop now")
+        expect(bar).to_contain_text("Alarm, one of 2 not acknowledged: ")
+        expect(listed.first).to_contain_text("stop_not_obeyed")
+        readable(page)
+        page.reload()
+    with page.expect_response("**/say"):
+        page.get_by_role("button", name="Acknowledge", exact=True).click()
+    expect(banner).to_be_visible()
+    acknowledged(run, second)
+    expect(banner).to_be_hidden()
+    expect(bar).to_contain_text("the load is beyond its limit")
+    with page.expect_response("**/say"):
+        page.get_by_role("button", name="Acknowledge", exact=True).click()
+    acknowledged(run, first)
+    expect(bar).to_be_hidden()
+    expect(listed.first).to_contain_text("page at 127.0.0.1")
+    assert not run.heard
+
+
+def test_a_warning_about_a_result_does_not_cover_an_alarm_that_needs_a_person(
+    run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]
+) -> None:
+    limit = raised(run, "limit", "the load is beyond its limit")
+    now_ns = run.clock.now_ns()
+    note = FaultMessage(time_ns=now_ns, what="the residual is not white", where="estimate with pair 4", action="the run continues")
+    run.recorder.write("/fault", note)
+    run.recorder.flush()
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/#token={run.control.token}")
+    bar = page.locator("#open-alarms")
+    expect(bar).to_contain_text("Alarm, one of 2 not acknowledged: ")
+    expect(bar).to_contain_text("the load is beyond its limit")
+    expect(bar).not_to_have_class(re.compile("warn"))
+    for identity in (limit, str(now_ns)):
+        with page.expect_response("**/say"):
+            page.get_by_role("button", name="Acknowledge", exact=True).click()
+        acknowledged(run, identity)
+        if identity == limit:
+            expect(bar).to_contain_text("To be checked: ")
+            expect(bar).to_have_class(re.compile("warn"))
+            readable(page)
+    expect(bar).to_be_hidden()
+
+
+def test_a_page_sees_a_transition_at_once(run: Run, tab: Callable[..., Page]) -> None:
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    for state, word in (("imaging", "imaging"), ("fault", "FAULT"), ("complete", "complete")):
+        run.enter(state)
+        expect(page.locator("#state-word")).to_have_text(word, timeout=5_000)
