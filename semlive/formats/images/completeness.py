@@ -51,8 +51,8 @@ def prove_complete(file: ExportedFile, profile: ScanProfile) -> CompletenessProo
     Raises:
         BadImage: the file has no readable header.
     """
-    parsed = parse_file(file)
-    header, directory = parsed.header, parsed.directory
+    parsed = parse_file(file, profile.page)
+    header, directory = parsed.header, None if parsed.page is None else parsed.page.directory
     if directory is None:
         return CompletenessProof(header.vendor)
     if tiff.ends_in_zeros(file.data) or _has_unwritten_tag(file.data, directory):
