@@ -45,6 +45,8 @@ class FrameCheck:
         source: origin of the description.
         confirmed: whether a person compared the description with the machine.
         findings: in the order of the checks.
+        proved: whether the readings were compared with the device's panel, or the description is one of a make that comes with semlive;
+            otherwise another description might explain the same answers.
     """
 
     device: str
@@ -52,8 +54,9 @@ class FrameCheck:
     source: str
     confirmed: bool
     findings: tuple[Finding, ...]
+    proved: bool = True
 
     @property
     def passed(self) -> bool:
-        """True if no check failed."""
-        return all(finding.verdict is not Verdict.FAILED for finding in self.findings)
+        """True if no check failed and the readings are proved."""
+        return self.proved and all(finding.verdict is not Verdict.FAILED for finding in self.findings)

@@ -85,6 +85,7 @@ def test_another_device_is_told_in_a_table_and_by_the_exit_code(bench: tuple[int
         (["laumas"], "no device description is called 'laumas'; there are bench"),
         (["bench", "--port", "1"], "no device answers at 127.0.0.1:1; check that the device is on"),
         (["bench", "--port", "ttyNone"], "ttyNone cannot be opened"),
+        (["bench", "--force-reads", "about 3"], "--force-reads is 'about 3'; give the digits of the device's panel"),
     ],
 )
 def test_what_is_wrong_is_one_sentence(check: Check, arguments: list[str], sentence: str) -> None:
@@ -110,6 +111,15 @@ def test_a_map_of_ones_own_is_given_by_path(bench: tuple[int, str], check: Check
     code, _, error = check(str(path), "--port", str(bench[0]))
     assert code == 1
     assert error.startswith("mine at 127.0.0.1")
+
+
+def test_a_map_of_ones_own_is_sound_only_with_what_the_panel_shows(bench: tuple[int, str], check: Check, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(map_text("bench"), encoding="utf-8")
+    code, out, error = check(str(path), "--port", str(bench[0]), "--json")
+    assert code == 1
+    assert not json.loads(out)["sound"]
+    assert "nothing disagrees with the description, but the readings are not proved" in error
 
 
 def test_orders_that_the_device_cannot_hold_are_refused_before_any_run(bench: tuple[int, str], check: Check, tmp_path: Path) -> None:

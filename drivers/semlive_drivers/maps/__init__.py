@@ -13,6 +13,8 @@ from semlive.inputs.files import read_regular
 from semlive.inputs.kinds import changed_kind
 from semlive.inputs.yaml_text import MOST_BYTES, YamlText, read_yaml
 
+PATTERNS = ("generic",)
+"""Descriptions to copy, which are of no machine."""
 UNCONFIRMED_NOTE = "from public documents, confirm before motion"
 """Status of a description that was not compared with the machine."""
 
@@ -83,13 +85,25 @@ def _description(name: str) -> tuple[dict[str, Any], YamlText]:
     return content, text
 
 
-def validate_map(model: type[M], name: str) -> M:
+def is_of_a_machine(name: str) -> bool:
+    """Whether a description comes with semlive and describes a make; the others are of a user, or are a pattern to copy."""
+    return name in bundled_maps() and name not in PATTERNS
+
+
+def validate_map(model: type[M], name: str, changed_content: dict[str, Any] | None = None) -> M:
     """A validated description.
+
+    Args:
+        model: form of the description.
+        name: name of the description, or a path.
+        changed_content: content to validate in place of that of the file; None takes the file.
 
     Raises:
         BadConfig: for the first key or value that is wrong.
     """
     content, text = _description(name)
+    if changed_content is not None:
+        content = changed_content
     try:
         description = model.model_validate(content)
     except ValidationError as error:

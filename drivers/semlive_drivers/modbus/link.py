@@ -12,7 +12,7 @@ from semlive.errors import LinkError
 from semlive_drivers.modbus.codec import Block
 from semlive_drivers.modbus.registers import Kind
 
-_EXCEPTIONS = {
+EXCEPTIONS = {
     1: "the function is not supported (exception 1)",
     2: "there is no such register (exception 2); check the register map",
     3: "the value is not allowed (exception 3)",
@@ -20,7 +20,11 @@ _EXCEPTIONS = {
     5: "the device needs longer (exception 5)",
     6: "the device is busy (exception 6); try again when it has finished",
     7: "the device's watchdog has expired (exception 7)",
+    8: "the device found an error in its memory (exception 8)",
+    10: "the gateway has no path to this unit (exception 10)",
+    11: "the device behind the gateway did not answer (exception 11)",
 }
+"""Meaning of each Modbus exception."""
 
 
 class Refused(LinkError):
@@ -101,4 +105,4 @@ def refusal(where: str, action: str, code: int) -> Refused:
         action: as of `action_name`.
         code: Modbus exception code.
     """
-    return Refused(f"{where} refused {action}: {_EXCEPTIONS.get(code, f'exception {code}')}", code)
+    return Refused(f"{where} refused {action}: {EXCEPTIONS.get(code, f'exception {code}')}", code)

@@ -130,7 +130,8 @@ class RegisterPoint:
 
     def __post_init__(self) -> None:
         if not 0 <= self.address <= 65_536 - self.dtype.registers:
-            raise BadConfig(f"register address {self.address} does not exist; give one from 0 to {65_536 - self.dtype.registers}")
+            last = 65_536 - self.dtype.registers
+            raise BadConfig(f"register address {self.address} does not exist; give one from 0 to {last} (400001 of a manual is 0 here)")
         if not self.scale:
             raise BadConfig(f"the scale of register {self.address} is 0; give the value of one count")
         if self.kind.bits and self.dtype is not DType.U16:

@@ -46,6 +46,11 @@ def check(
             "--rate", min=0.0, help="Rate of its ramps, N/s; the check is whether the registers can represent the loads and the rate."
         ),
     ] = None,
+    force_reads: Annotated[
+        str | None,
+        typer.Option(help="Force that the device's own panel shows now, N, with all its digits: 123.456. Proves scale and format."),
+    ] = None,
+    extension_reads: Annotated[str | None, typer.Option(help="Extension that the device's own panel shows now, mm.")] = None,
     config: Annotated[
         Path | None, typer.Option("--config", help="Configuration of a run: its loads, its rate and the settings of its load frame.")
     ] = None,
@@ -65,14 +70,30 @@ def check(
     if orders.get("loads_n") and orders.get("rate_n_s") is None:
         raise BadConfig("--load needs --rate: a command consists of load and rate; give the rate of the ramps, N/s")
     settings["orders"] = orders
+    settings |= {key: value for key, value in (("force_reads", force_reads), ("extension_reads", extension_reads)) if value is not None}
     result = _checker()(description, settings, open_clock(None))
     if as_json:
         findings = [finding.to_json() for finding in result.findings]
         sys.stdout.write(json.dumps({**asdict(result), "findings": findings, "sound": result.passed}) + "\n")
     else:
         _show(result)
+    _require_sound(result)
+
+
+def _require_sound(result: FrameCheck) -> None:
+    """Raise SemliveError for a device that disagrees with its description, or may have another one."""
     if not result.passed:
         failed = [finding for finding in result.findings if finding.verdict is Verdict.FAILED]
+        if not failed:
+            opened = next(finding for finding in result.findings if finding.verdict is Verdict.UNKNOWN and finding.advice)
+            for finding in result.findings:
+                if finding.what.startswith(("order of words", "scale of")) and finding.verdict is Verdict.UNKNOWN:
+                    opened = finding
+                    break
+            raise SemliveError(
+                f"{result.device} at {result.where}: nothing disagrees with the description, but the readings are not proved; "
+                f"{opened.what}: {opened.advice}"
+            )
         raise SemliveError(
             f"{result.device} at {result.where}: {len(failed)} of {len(result.findings)} checks failed; "
             f"{failed[0].what}: {failed[0].advice}"

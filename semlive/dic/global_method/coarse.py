@@ -82,8 +82,8 @@ def _confirmed(blocks: Array) -> NDArray[np.bool_]:
     The two band-passes of one block contain the same noise, so they agree by chance in up to 0.3 of the blocks of unrelated frames.
     """
     distance = np.max(np.abs(blocks[:, None, :2] - blocks[None, :, :2]), axis=-1)
-    apart = np.max(np.abs(blocks[:, None, 2:] - blocks[None, :, 2:]), axis=-1)
-    return np.any((distance >= BLOCK_PX) & (distance <= 2 * BLOCK_PX) & (apart <= AGREEMENT_PX), axis=1)
+    difference = np.max(np.abs(blocks[:, None, 2:] - blocks[None, :, 2:]), axis=-1)
+    return np.any((distance >= BLOCK_PX) & (distance <= 2 * BLOCK_PX) & (difference <= AGREEMENT_PX), axis=1)
 
 
 def _binned(image: Image, binning: int) -> Image:

@@ -52,9 +52,13 @@ def prove_complete(file: ExportedFile, profile: ScanProfile) -> CompletenessProo
         BadImage: the file has no readable header.
     """
     parsed = parse_file(file, profile.page)
-    header, directory = parsed.header, None if parsed.page is None else parsed.page.directory
-    if directory is None:
+    header = parsed.header
+    if parsed.page is None:
         return CompletenessProof(header.vendor)
+    # The rows of one image prove nothing about the others of a file.
+    if len(tiff.directories(file.data, file.name)) > 1:
+        return None
+    directory = parsed.page.directory
     if tiff.ends_in_zeros(file.data) or _has_unwritten_tag(file.data, directory):
         return None
     rows = _stored_rows(file.data, directory, image_rows(header, parsed.rows, profile))

@@ -31,6 +31,7 @@ SHORT = {
     "bench-rtu-link-executes-without-answer",
     "mark10-frozen-force",
     "laumas-leadshine-frozen-force",
+    "flintec-pi-wrong-sign",
     "mantracourt-oriental-wago-wrong-sign",
     "csv-oriental-file-stands-still",
     "operator-csv-frozen-force",
@@ -38,8 +39,9 @@ SHORT = {
 """Scenarios that the tests run."""
 
 
-# A person has to restart the expired watchdog of a WAGO coupler. Until then the frame gives no reading and the stop cannot be confirmed, so
-# the daemon waits for `limits.stop_timeout_s` (20 s) and for 12 s more before it ends.
+# A person has to restart the expired watchdog of a WAGO coupler, and to switch on the servo of a PI controller after a power failure. Until
+# then the stop cannot be confirmed, so the daemon waits for `limits.stop_timeout_s` (20 s) and for 12 s more before it ends.
+_RESTARTED_BY_A_PERSON = {"wago_watchdog", "pi_c863"}
 
 
 def _scenario(setup: Setup, name: str, must: str, expected: Expected, *commands: str, force_n: float = 60.0) -> Scenario:
@@ -62,7 +64,7 @@ def _scenario(setup: Setup, name: str, must: str, expected: Expected, *commands:
         kind=setup.kind,
         frame=setup.frame,
         hand=setup.hand,
-        ends_within_s=45.0 if "wago_watchdog" in setup.maps else 25.0,
+        ends_within_s=45.0 if _RESTARTED_BY_A_PERSON & {*setup.maps} else 25.0,
     )
 
 

@@ -17,8 +17,16 @@ from pathlib import Path
 
 sys.path.insert(0, __file__.rpartition("/")[0])
 
-from map_registers import BenchRegisters, GenericRegisters, LaumasRegisters, LeadshineRegisters, OrientalRegisters, WagoRegisters
-from map_text import MantracourtAmplifier, Mark10Stand
+from map_registers import (
+    BenchRegisters,
+    FlintecRegisters,
+    GenericRegisters,
+    LaumasRegisters,
+    LeadshineRegisters,
+    OrientalRegisters,
+    WagoRegisters,
+)
+from map_text import MantracourtAmplifier, Mark10Stand, MercuryController
 from second_frame import Control, Server, machine_of
 from second_machine import Machine
 from serial_lines import PseudoLine, rtu_line, text_line
@@ -53,7 +61,7 @@ class MapDevice(Server):
         self.lines.append(rtu_line(self.folder / f"line{number}", number, self.machine, dict(enumerate(units, 1))))
         self.forgetting += [unit.forget for unit in units]
 
-    def text(self, number: int, device: Mark10Stand | MantracourtAmplifier) -> None:
+    def text(self, number: int, device: Mark10Stand | MantracourtAmplifier | MercuryController) -> None:
         """A line of text."""
         self.lines.append(text_line(self.folder / f"line{number}", number, self.machine, device))
         self.forgetting.append(device.forget)
@@ -135,6 +143,12 @@ def _mantracourt_oriental_wago(device: MapDevice) -> None:
     device.passing.append(wago.pass_time)
 
 
+def _flintec_pi(device: MapDevice) -> None:
+    """Drive on a line of text, cell behind Modbus TCP."""
+    device.text(1, MercuryController(device.machine, device.note))
+    device.registers, device.link = FlintecRegisters(device.machine, device.note), 2
+
+
 def _csv_oriental(device: MapDevice) -> None:
     """Cell by a load file, drive on a line of Modbus RTU."""
     device.writes_file = True
@@ -154,6 +168,7 @@ KINDS: dict[str, Callable[[MapDevice], None]] = {
     "mark10": _mark10,
     "laumas_leadshine": _laumas_leadshine,
     "mantracourt_oriental_wago": _mantracourt_oriental_wago,
+    "flintec_pi": _flintec_pi,
     "csv_oriental": _csv_oriental,
     "hand": _hand,
 }

@@ -127,6 +127,21 @@ class LaumasRegisters(UnitRegisters):
         return words
 
 
+class FlintecRegisters(UnitRegisters):
+    """A Flintec DAD 141.1: gross and net load as floats, high word first, and the qualifier, in registers 0x3500 to 0x3504."""
+
+    RANGE_N = 1000.0
+    _BELOW, _BEYOND = 1, 2
+
+    def readable(self) -> Mapping[int, int]:
+        """The combined result."""
+        force_n = self.machine.shown().force_n
+        lost = math.isnan(force_n)
+        qualifier = self._BEYOND if lost or force_n > self.RANGE_N else self._BELOW if force_n < -self.RANGE_N else 0
+        shown_n = self.RANGE_N if lost else min(max(force_n, -self.RANGE_N), self.RANGE_N)
+        return dict(enumerate([*f32(shown_n), *f32(shown_n), qualifier], 0x3500))
+
+
 class DriveRegisters(UnitRegisters):
     """What drives have in common: one count of travel and of speed.
 

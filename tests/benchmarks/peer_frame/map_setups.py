@@ -119,6 +119,19 @@ SETUPS: tuple[Setup, ...] = (
         parts={"cell": 1, "drive": 2, "watchdog": 3},
     ),
     Setup(
+        "flintec-pi",
+        "flintec_pi",
+        ("flintec_dad141", "pi_c863"),
+        "assembled",
+        {
+            "cell": {"map": "flintec_dad141", "host": "127.0.0.1", "port": "{port}"},
+            "drive": {"protocol": "ascii", "map": "pi_c863", "serial": _LINE1, "confirmed": True},
+            "approach": {"stiffness_n_mm": 1000, "speed_max_mm_s": 0.1},
+        },
+        _compliant(1000.0, 0.1),
+        parts={"drive": 1, "cell": 2},
+    ),
+    Setup(
         "csv-oriental",
         "csv_oriental",
         ("oriental_az",),

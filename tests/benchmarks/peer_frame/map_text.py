@@ -152,3 +152,79 @@ class MantracourtAmplifier:
             case _:
                 self._note(f"NOT UNDERSTOOD {request}")
                 return b"?"
+
+
+class MercuryController:
+    """A PI C-863 with the General Command Set 2.0: commands in lines, status by the character 4, its axis with servo on and referenced.
+
+    Args:
+        machine: what it moves.
+        note: writes a line of the log.
+    """
+
+    _ON_TARGET, _IN_MOTION, _SERVO, _ERROR = 1 << 15, 1 << 13, 1 << 12, 1 << 8
+    _UNKNOWN_COMMAND, _STOPPED_BY_COMMAND, _BEYOND_LIMIT = 2, 10, 7
+    _LIMIT_MM = 25.0
+
+    def __init__(self, machine: Machine, note: Note) -> None:
+        self._machine, self._note = machine, note
+        self._received = b""
+        self._speed_mm_s, self._error, self._zero_mm, self._servo = 1.0, 0, 0.0, True
+
+    def forget(self) -> None:
+        """A restart: the servo is off, the speed is the default, and the position counts from 0."""
+        self._zero_mm = self._machine.extension_mm
+        self._received, self._speed_mm_s, self._error, self._servo = b"", 1.0, 0, False
+
+    def receive(self, data: bytes) -> bytes:
+        """Answer status characters at once and every complete line."""
+        self._received += data
+        replies = b""
+        while self._received:
+            if self._received[:1] == b"\x04":
+                self._received = self._received[1:]
+                replies += self._status()
+            elif b"\n" in self._received:
+                line, _, self._received = self._received.partition(b"\n")
+                replies += self._line(line.decode("ascii", errors="replace").split())
+            else:
+                break
+        return replies
+
+    def _status(self) -> bytes:
+        moving = self._machine.shown().state == MOVING
+        bits = (self._SERVO if self._servo else 0) | (self._IN_MOTION if moving else self._ON_TARGET) | (self._ERROR if self._error else 0)
+        return f"0x{bits:04X}\n".encode()
+
+    def _line(self, words: list[str]) -> bytes:
+        match words:
+            case ["POS?", "1"]:
+                return f"1={self._machine.shown().extension_mm - self._zero_mm:.4f}\n".encode()
+            case ["VEL?", "1"]:
+                return f"1={self._speed_mm_s:.4f}\n".encode()
+            case ["ERR?"]:
+                error, self._error = self._error, 0
+                return f"{error}\n".encode()
+            case ["VEL", "1", value]:
+                if not self._machine.switches.wignore:
+                    self._speed_mm_s = float(value)
+            case ["MOV", "1", value]:
+                self._go(float(value))
+            case ["HLT", "1"]:
+                self._error = self._STOPPED_BY_COMMAND
+                self._note("REQ HLT <STOP>")
+                self._note("STOPPED" if self._machine.stop() else "STOP ignored")
+            case _:
+                self._error = self._UNKNOWN_COMMAND
+                self._note(f"NOT UNDERSTOOD {words}")
+        return b""
+
+    def _go(self, end_mm: float) -> None:
+        if abs(end_mm) > self._LIMIT_MM or not self._servo or self._machine.shown().state == FAULT:
+            self._error = self._BEYOND_LIMIT
+            return
+        if self._machine.switches.wignore:
+            return
+        way_mm = end_mm - (self._machine.extension_mm - self._zero_mm)
+        self._machine.travel(way_mm, self._speed_mm_s)
+        self._note(f"MOVE dir={1 if way_mm >= 0 else 2} travel={abs(way_mm):.5f} speed={self._speed_mm_s:.5f}")
