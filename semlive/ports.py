@@ -9,12 +9,12 @@ Drivers that ask a person do so at a desk; desks are objects, found by the entry
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
-from semlive.data.checks import FrameCheck
+from semlive.data.checks import Finding, FrameCheck
 from semlive.data.loading import DeviceIdentity, LoadSample, StageKind, StageSample
 
 
@@ -135,6 +135,15 @@ class OrderRecall(Protocol):
 
     def recall_order(self, force_n: float, rate_n_s: float) -> None:
         """Report in `LoadSample.order_changed` from now on if the device does not hold this ramp any more; sends nothing, never raises."""
+        ...
+
+
+@runtime_checkable
+class ChecksFiles(Protocol):
+    """The module of a driver's factory, if the driver reads files of other programs and can check them before a run."""
+
+    def check_files(self, settings: Mapping[str, object], clock: ClockSource) -> Sequence[Finding]:
+        """Read each file as a run would; raises BadConfig for settings that are not valid."""
         ...
 
 

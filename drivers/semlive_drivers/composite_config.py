@@ -8,11 +8,13 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from semlive.data.checks import Finding
 from semlive.errors import BadConfig, LinkError, SemliveError
 from semlive.ports import ClockSource
 from semlive_drivers import csv_load_file
 from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings, compose
 from semlive_drivers.device_part import Part
+from semlive_drivers.load_file_check import check_load_file
 from semlive_drivers.modbus import part as modbus
 from semlive_drivers.settings import checked
 from semlive_drivers.text import part as text
@@ -81,3 +83,16 @@ def open_load_frame(settings: Mapping[str, object], clock: ClockSource) -> Compo
     frame_settings = checked(FrameSettings, frame_keys, "assembled load frame")
     roles = checked(AssembledSettings, part_keys, "assembled load frame")
     return compose(open_devices({role: getattr(roles, role) for role in ROLES}, clock), frame_settings, clock)
+
+
+def check_files(settings: Mapping[str, object], clock: ClockSource) -> list[Finding]:
+    """Read the newest line of each part that is a file, as a run would.
+
+    Raises:
+        BadConfig: for settings that are not valid.
+    """
+    roles = checked(AssembledSettings, FrameSettings.split(settings)[1], "assembled load frame")
+    parts = {role: dict(part) for role in ROLES if (part := getattr(roles, role)) is not None and part.get("protocol") == "csv"}
+    for part in parts.values():
+        del part["protocol"]
+    return [check_load_file(role, checked(csv_load_file.CsvSettings, part, role), clock) for role, part in parts.items()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from semlive.errors import BadInput, LinkError, LinkRefused
+from semlive.inputs.text_number import Sign, sign_of
 from semlive.inputs.text_table import AmbiguousTable, Convention, key_of, number_in
 from semlive.inputs.text_table import Column as HeadColumn
 from semlive.ports import ClockSource
@@ -18,7 +20,8 @@ from semlive_drivers.growing_table import GrowingTable, NewestLine
 from semlive_drivers.settings import checked
 from semlive_drivers.units import factor, unit_named
 
-_KINDS = {"force": ("N", "kN", "mN", "kg", "g", "t", "lbF"), "extension": ("mm", "um", "m", "in"), "gage": ("ustrain", "%", "1")}
+_THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(?:['\u2019 \u00a0\u202f.,][0-9]{2,3})+(?:[.,][0-9]*)?")
+_KINDS = {"force": ("N", "kN", "mN", "daN", "kg", "g", "t", "lbF"), "extension": ("mm", "um", "m", "in"), "gage": ("ustrain", "%", "1")}
 
 
 class Column(BaseModel):
@@ -123,6 +126,14 @@ class CsvLoadFile:
         values = {column.kind: _value(column, newest) for column in self._find_columns(newest.layout.columns)}
         return PartReading(force_n=values.get("force"), extension_mm=values.get("extension"), gage_strain=values.get("gage"))
 
+    def holds_numbers(self) -> bool:
+        """Whether the file holds a complete line of numbers.
+
+        Raises:
+            LinkError: if it cannot be read, or its line does not match its head.
+        """
+        return self._newest_line() is not None
+
     def identify(self) -> PartReading:
         """As `read`, which writes nothing."""
         return self.read()
@@ -212,6 +223,11 @@ def _factor(kind: str, column: Column, head: HeadColumn) -> float:
     if head_unit and head_unit not in _KINDS[kind]:
         raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, which is no unit of {kind}; check columns and delimiter.")
     if "unit" not in column.model_fields_set:
+        if head.unit and not head_unit:
+            units = ", ".join(_KINDS[kind])
+            raise BadInput(
+                f"{{head}}: column {head.raw!r} is in {head.unit!r}, which is not known; state its unit in the settings ({units})."
+            )
         return factor(head_unit or "1", "csv column")
     if head_unit and column.unit != "1" and factor(column.unit, "csv column") != factor(head_unit, "csv column"):
         raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, but the settings state {column.unit}; correct one of them.")
@@ -231,6 +247,10 @@ def _value(column: _TableColumn, newest: NewestLine) -> float | None:
     if column.kind == "gage" and (number is not None or not any(letter.isdigit() for letter in text)):
         return None
     where = f"{newest.path} holds {text[:40]!r} in column {column.column.column}"
+    if number is not None:
+        raise LinkError(f"{where}, which is no reading but a lost value; check the sensor and the program that writes it")
+    if sign_of(text) is Sign.THOUSANDS or _THOUSANDS.fullmatch(text):
+        raise LinkError(f"{where}; switch the separator of thousands off in the program that writes it")
     raise LinkError(f"{where}, which is no reading; check columns, delimiter and decimal_comma")
 
 

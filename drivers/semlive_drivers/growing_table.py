@@ -8,10 +8,12 @@ from pathlib import Path
 
 from semlive.errors import BadInput
 from semlive.inputs.files import open_regular
-from semlive.inputs.text_table import ColumnSelector, Convention, Layout, encoding_of, is_blank, layout_of, lines_of
+from semlive.inputs.text_table import ColumnSelector, Convention, Layout, decoded, encoding_of, is_blank, layout_of, lines_of
 
 _WINDOW_BYTES = 65_536
 """Bytes at the beginning in which the head is searched, and at the end in which the newest line is searched."""
+_CONTINUATION_BYTES = bytes(range(0x80, 0xC0))
+"""Bytes within a character of UTF-8."""
 _MAX_HEAD_LINES = 200
 """Lines in which the names of columns are searched: programs write a description of the test above them."""
 
@@ -59,7 +61,7 @@ class GrowingTable:
             size = os.fstat(stream.fileno()).st_size
             start = stream.read(_WINDOW_BYTES)
             mark, encoding = encoding_of(start, self._encoding)
-            width = len("\n".encode(encoding)) if mark else 1
+            width = 2 if encoding.startswith("utf-16") else 1
             offset = max(0, size - _WINDOW_BYTES) // width * width
             if offset:
                 stream.seek(offset)
@@ -67,11 +69,13 @@ class GrowingTable:
         head = start[: _end_of_lines(start, width)]
         if path != self._path or self._layout is None or not start.startswith(self._layout_head):
             self._path, self._layout, self._layout_head = path, None, b""
-            self._detect_layout(path, head[mark:].decode(encoding, errors="replace"), head)
+            self._detect_layout(path, decoded(head[mark:], encoding), head)
         if self._layout is None:
             return None
         end = _end_of_lines(window, width)
-        text = window[0 if offset else mark : end].decode(encoding, errors="replace")
+        # The window may begin within a character, which would not be UTF-8.
+        complete = window[:end].lstrip(_CONTINUATION_BYTES) if offset and width == 1 else window[0 if offset else mark : end]
+        text = decoded(complete, encoding)
         # The window may begin within a line.
         lines = lines_of(text)[1 if offset else 0 : -1]
         if not lines:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from semlive.errors import BadConfig
 
 FACTORS = {
@@ -9,6 +11,7 @@ FACTORS = {
     "N": 1.0,
     "kN": 1e3,
     "mN": 1e-3,
+    "daN": 10.0,
     "kg": 9.80665,
     "g": 9.80665e-3,
     "t": 9.80665e3,
@@ -29,7 +32,15 @@ FACTORS = {
     "%": 1e-2,
 }
 """N, mm, s, mm/s, N/s or strain of one unit; kg, g, t and lbF are forces."""
-_ALIASES = {name.lower(): name for name in FACTORS} | {"lb": "lbF", "lbs": "lbF", "kgf": "kg", "gf": "g", "newton": "N", "inch": "in"}
+_ALIASES = {name.lower(): name for name in FACTORS} | {
+    "lb": "lbF",
+    "lbs": "lbF",
+    "kgf": "kg",
+    "gf": "g",
+    "kp": "kg",
+    "newton": "N",
+    "inch": "in",
+}
 
 
 def factor(unit: str, where: str) -> float:
@@ -48,7 +59,8 @@ def factor(unit: str, where: str) -> float:
     return FACTORS[name]
 
 
-_SPELLINGS = {"µm": "um", "μm": "um", "micron": "um", "µe": "ustrain", "µstrain": "ustrain", "microstrain": "ustrain", "µε": "ustrain"}
+_MICRO = re.compile(r"(?:[^\x00-\x7f]{1,3}|u)(m|e|ε|strain)|micro(n|strain)", re.IGNORECASE)
+"""A micro sign of any code page: no other prefix of these units is outside ASCII."""
 
 
 def unit_named(text: str) -> str:
@@ -59,4 +71,7 @@ def unit_named(text: str) -> str:
     # MN is not mN, and a capital M, G or T is no metre, gram or tonne.
     if lower == "mn" or len(text) == 1:
         return "N" if text == "n" else ""
-    return _SPELLINGS.get(lower, _ALIASES.get(lower, ""))
+    micro = _MICRO.fullmatch(lower)
+    if micro is not None:
+        return "um" if (micro[1] or micro[2]) in ("m", "n") else "ustrain"
+    return _ALIASES.get(lower, "")

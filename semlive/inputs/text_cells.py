@@ -5,8 +5,10 @@ from __future__ import annotations
 import codecs
 import csv
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from semlive.errors import BadInput
 from semlive.inputs.text_number import is_lost
@@ -14,18 +16,27 @@ from semlive.inputs.text_number import is_lost
 LONGEST_LINE = 100_000
 """Characters."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
+_CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _DECLARED = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
-_BRACKET = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]")
+_BRACKET = re.compile(r"(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _SLASH = re.compile(r"(.+?)\s+/\s+(\S+)")
+_FINAL_UNIT = re.compile(
+    r"(.+?)(?:\s*[_:/]\s*|\s+in\s+|\s+)"
+    r"(n|kn|mn|un|µn|μn|nn|dan|kgf|lbf|kg|mm|um|µm|μm|nm|cm|s|sec|ms|px|pixels?|mpa|gpa|m/s|mm/s|um/s|mm/min|n/s|n/min)",
+    re.IGNORECASE,
+)
+"""A unit without brackets at the end of a name: ``force_kN``, ``Kraft in kN``, ``F/kN``; not ``Force min``, which may be a minimum."""
 _AFTER_COMMA = re.compile(r"(.+?)\s*,\s*(\S+)")
 _UNIT_WORDS = """
-n kn mn µn un nn kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s ms us min h hz v mv % ustrain 1 - px pixel pixels pix
+n kn mn µn un nn dan kg g t lbf lb lbs kgf gf newton nm um µm μm mm cm m in inch s sec secs second seconds ms us min h hz v mv %
+ustrain 1 - px pixel pixels pix
 mpa gpa pa °c c deg ° mm/s um/s µm/s n/s mm/min n/min
 """
 _UNITS = frozenset(_UNIT_WORDS.split())
 _NAMES_AS_WELL = frozenset(("t", "v", "c", "h"))
 _COMMENT = re.compile(r"\s*#(?!n/?a|nv|wert|value|div|ref|name|num|zahl)", re.IGNORECASE)
+_BEGINS_WITH_DIGIT = re.compile(r"\W*[0-9]")
 _NUMERIC = re.compile(r"[-+0-9.,eE\s]*[0-9][-+0-9.,eE\s]*")
 
 
@@ -45,7 +56,7 @@ class Column:
 
     @property
     def key(self) -> str:
-        """The name for comparisons, which ignore letter case, blanks and underscores."""
+        """The name for comparisons, which ignore letter case, blanks, hyphens and underscores."""
         return key_of(self.name)
 
 
@@ -57,30 +68,64 @@ def text_of(data: bytes, where: str, encoding: str = "utf-8") -> str:
     """
     start, encoding = encoding_of(data, encoding)
     try:
-        text = data[start:].decode(encoding)
+        text = decoded(data[start:], encoding, "strict")
     except UnicodeDecodeError as error:
         raise BadInput(f"{where}: is not plain text (byte {start + error.start}); export the table as CSV in UTF-8.") from error
-    if "\0" in text:
-        raise BadInput(f"{where}: is not plain text (it holds zero bytes); export the table as CSV in UTF-8.")
+    text = text.rstrip("\x1a")  # end of file of DOS programs
+    control = _CONTROL.search(text)
+    if control is not None:
+        raise BadInput(f"{where}: is not plain text (it holds the character {ord(control[0])}); export the table as CSV in UTF-8.")
     return text
 
 
+def decoded(data: bytes, encoding: str, errors: str = "replace") -> str:
+    """Decode text; what is not UTF-8 is decoded in the western code page of Windows.
+
+    Digits, signs and separators have the same bytes in all code pages of Windows, so another code page changes names and remarks only.
+
+    Args:
+        data: bytes of the text.
+        encoding: its encoding; ``utf-8`` includes the western code page.
+        errors: ``replace`` or ``strict``, for other encodings.
+
+    Raises:
+        UnicodeDecodeError: the data are invalid and `errors` is ``strict``.
+    """
+    if encoding == "utf-8":
+        try:
+            return data.decode(encoding)
+        except UnicodeDecodeError:
+            return data.decode("cp1252", errors="replace")
+    return data.decode(encoding, errors=errors)
+
+
 def encoding_of(data: bytes, encoding: str = "utf-8") -> tuple[int, str]:
-    """Return the length of the byte order mark at the beginning of a file, and the encoding of the mark, or else the given encoding."""
+    """Return the length of the byte order mark at the beginning of a file and the encoding of the file.
+
+    Without a mark, UTF-16 is detected by zero bytes in the first two characters; otherwise it is the given encoding.
+    """
     for mark, name in _MARKS:
         if data.startswith(mark):
             return len(mark), name
+    zeros = [byte == 0 for byte in data[:4]]
+    if zeros == [False, True, False, True]:
+        return 0, "utf-16-le"
+    if zeros == [True, False, True, False]:
+        return 0, "utf-16-be"
     return 0, encoding
 
 
 def lines_of(text: str) -> list[str]:
     """Return the lines without their ends; only line feeds and carriage returns end a line."""
+    if "\n" not in text:
+        text = text.replace("\r", "\n")  # old Macintosh programs
     return [line.removesuffix("\r") for line in text.split("\n")]
 
 
+@lru_cache(4096)
 def key_of(name: str) -> str:
     """Return a name for comparisons."""
-    return re.sub(r"[\s_]+", "", name).casefold()
+    return re.sub(r"[\s_-]+", "", name).casefold()
 
 
 def split(line: str, separator: str) -> list[str]:
@@ -132,8 +177,9 @@ def is_no_name(cell: str) -> bool:
 
 
 def is_line_of_units(cells: Sequence[str]) -> bool:
-    """Whether all cells are units, or empty."""
-    return any(cells) and all(not cell or (is_unit(cell) and cell != "1" and cell not in _NAMES_AS_WELL) for cell in cells)
+    """Whether a line below the names contains units: neither numbers nor marks of lost values, also if a unit is unknown."""
+    filled = [cell for cell in cells if cell]
+    return bool(filled) and not any(is_lost(cell) or _BEGINS_WITH_DIGIT.match(cell) for cell in filled)
 
 
 def is_line_of_numbers(cells: Sequence[str]) -> bool:
@@ -162,11 +208,9 @@ def _joined_units(names: Sequence[str]) -> list[str]:
 
 
 def _column(raw: str) -> Column:
-    for pattern in (_BRACKET, _SLASH):
-        match = pattern.fullmatch(raw)
-        if match is not None and match[1]:
+    plain = unicodedata.normalize("NFKC", raw)  # brackets of Chinese and Japanese texts
+    for pattern in (_BRACKET, _SLASH, _AFTER_COMMA, _FINAL_UNIT):
+        match = pattern.fullmatch(plain)
+        if match is not None and match[1] and (pattern is not _AFTER_COMMA or is_unit(match[2])):
             return Column(raw, match[1].strip(), match[2].strip())
-    match = _AFTER_COMMA.fullmatch(raw)
-    if match is not None and is_unit(match[2]):
-        return Column(raw, match[1], match[2])
     return Column(raw, raw, "")

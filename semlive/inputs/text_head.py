@@ -24,7 +24,7 @@ SEPARATORS = ("\t", ";", ",", " ")
 """Separators that are detected; a blank means any sequence of blanks."""
 Rows = list[tuple[int, list[str]]]
 """Line number, from 1, and cells of each line of numbers."""
-_NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]')
+_NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]|\{[^}]*\}')
 
 
 def contains_numbers(line: str, separator: str) -> bool:
@@ -81,12 +81,19 @@ def with_units(columns: tuple[Column, ...], lines: Sequence[str], data_from: int
     """Return the columns with the units of a line below the names, and the place of the first line of numbers."""
     for place in range(data_from, min(len(lines), data_from + 3)):
         if lines[place].strip():
-            cells = [] if '"' in lines[place] else split(lines[place], separator)
+            cells = _cells(lines[place], separator)
             if len(cells) == len(columns) and is_line_of_units(cells):
-                units = [cell.strip("[]() ") for cell in cells]
+                units = [cell.strip("[](){}<> ") for cell in cells]
                 return tuple(replace(column, unit=column.unit or unit) for column, unit in zip(columns, units, strict=True)), place + 1
             break
     return columns, data_from
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    try:
+        return split(line, separator) if len(line) <= LONGEST_LINE else []
+    except ValueError:
+        return []
 
 
 def number_rows(lines: Sequence[str], data_from: int, separator: str) -> Rows:
@@ -96,10 +103,7 @@ def number_rows(lines: Sequence[str], data_from: int, separator: str) -> Rows:
         line = lines[number - 1]
         if is_blank(line):
             continue
-        try:
-            rows.append((number, split(line, separator) if len(line) <= LONGEST_LINE else []))
-        except ValueError:
-            rows.append((number, []))
+        rows.append((number, _cells(line, separator)))
         if len(rows) == HEAD_LINES:
             break
     return rows

@@ -7,16 +7,18 @@ import re
 from enum import Enum, auto
 
 _NUMBER = {
-    ".": re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
-    ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
+    ".": re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?"),
+    ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eEdD][+-]?[0-9]+)?"),
 }
-_WHOLE = re.compile(r"[+-]?[0-9]+(?:[eE][+-]?[0-9]+)?")
+_WHOLE = re.compile(r"[+-]?[0-9]+(?:[eEdD][+-]?[0-9]+)?")
 _LIKE_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(?:(?:,[0-9]{3})+\.[0-9]*|(?:\.[0-9]{3})+,[0-9]*|(?:,[0-9]{3}){2,}|(?:\.[0-9]{3}){2,})")
 _LOST = re.compile(
     r"[+-]?nan[0-9]*(?:\(\w*\))?|[+-]?1[.,]#(?:ind|qnan|snan|nan)[0-9]*|#n/?a|#nv|#wert!|#value!|#div/0!|n/?a|null|none|-+|\.|",
     re.IGNORECASE,
 )
+_MINUS = str.maketrans("\N{MINUS SIGN}\N{EN DASH}\N{FULLWIDTH HYPHEN-MINUS}", "---")
+_FORTRAN_EXPONENT = str.maketrans("dD", "ee")
 _INFINITE = re.compile(r"([+-]?)(?:inf|infinity|1[.,]#inf[0-9]*)", re.IGNORECASE)
 
 
@@ -36,6 +38,7 @@ class Sign(Enum):
 
 def sign_of(cell: str) -> Sign:
     """Return the evidence of a cell about the decimal sign."""
+    cell = cell.translate(_MINUS)
     if "." not in cell and "," not in cell:
         return Sign.NONE
     if _LIKE_THOUSANDS.fullmatch(cell):
@@ -55,7 +58,7 @@ def is_lost(cell: str) -> bool:
 
 def is_whole(cell: str) -> bool:
     """Whether a cell is a number without a decimal sign."""
-    return _WHOLE.fullmatch(cell) is not None
+    return _WHOLE.fullmatch(cell.translate(_MINUS)) is not None
 
 
 def number_in(cell: str, decimal: str) -> float | None:
@@ -68,7 +71,7 @@ def number_in(cell: str, decimal: str) -> float | None:
     Returns:
         The number; NaN for a lost value; None for anything else, thousands separators included.
     """
-    cell = cell.replace("\N{MINUS SIGN}", "-")
+    cell = cell.translate(_MINUS)
     if is_lost(cell):
         return math.nan
     infinite = _INFINITE.fullmatch(cell)
@@ -78,4 +81,4 @@ def number_in(cell: str, decimal: str) -> float | None:
         decimal = {Sign.NONE: ".", Sign.POINT: ".", Sign.COMMA: ","}.get(sign_of(cell), "")
     if not decimal or not _NUMBER[decimal].fullmatch(cell):
         return None
-    return float(cell.replace(",", "."))
+    return float(cell.replace(",", ".").translate(_FORTRAN_EXPONENT))

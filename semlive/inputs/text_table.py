@@ -17,9 +17,11 @@ from semlive.inputs.text_cells import (
     LONGEST_LINE,
     Column,
     columns_of,
+    decoded,
     encoding_of,
     is_blank,
     is_line_of_numbers,
+    is_unit,
     key_of,
     lines_of,
     separator_declared,
@@ -47,6 +49,7 @@ __all__ = [
     "ColumnSelector",
     "Convention",
     "Layout",
+    "decoded",
     "encoding_of",
     "is_blank",
     "key_of",
@@ -56,6 +59,8 @@ __all__ = [
     "text_of",
 ]
 
+_QUOTES = 100
+"""Weight of broken quotes in a possible line of names, more than that of a column that is missing below."""
 ColumnSelector = Callable[[tuple[Column, ...]], tuple[int, ...]]
 """Returns the places of the columns of numbers that a caller requires; raises BadInput if the head does not name them (``{head}`` is its
 line)."""
@@ -144,7 +149,7 @@ def _readings(
     try:
         head = split(lines[start], separator)
     except ValueError as error:
-        raise Misfit(0, BadInput(f"{at}: its quotes are broken ({error}); write it as CSV.")) from error
+        raise Misfit(_QUOTES, BadInput(f"{at}: its quotes are broken ({error}); write it as CSV.")) from error
     names, head_line, data_from = head, start + 1, start + 1
     if is_line_of_numbers(head):
         names, head_line = names_above(lines, start, separator, len(head))
@@ -152,7 +157,11 @@ def _readings(
     elif start and any(is_whole(cell) or sign_of(cell) is not Sign.NONE for cell in head):
         # Below a first line that did not fit, a line that contains a number is not a line of names.
         raise Misfit(0, BadInput(f"{at}: is no line of names; write one above the numbers."))
+    named_from = data_from
     columns, data_from = with_units(columns_of(names or [""] * len(head), separator), lines, data_from, separator)
+    if separator == "," and data_from > named_from and not all(is_unit(column.unit) for column in columns) and not _needs_names(select):
+        message = f"{where}: line {data_from}: may hold units or names; name the columns, or specify the separator."
+        raise Misfit(DEFINITE, AmbiguousTable(message))
     rows = number_rows(lines, data_from, separator)
     columns = without_trailing(columns, rows)
     try:

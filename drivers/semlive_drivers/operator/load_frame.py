@@ -11,11 +11,13 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from semlive.data.checks import Finding
 from semlive.data.loading import MotionState
 from semlive.ports import ClockSource, ResponseType
 from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings, compose
 from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
 from semlive_drivers.device_part import Part, PartCommand, PartReading, Stops
+from semlive_drivers.load_file_check import check_load_file
 from semlive_drivers.modbus import load_frame as modbus
 from semlive_drivers.operator.console import TERMINAL, Console
 from semlive_drivers.operator.rehearsal import RehearsedLoadFrame
@@ -236,3 +238,13 @@ def open_load_frame(
         parts.insert(0, MonitoredLoadFile(CsvLoadFile(config.load_file, clock), drive, config.arrived_n))
     hand = compose(parts, frame_settings, clock)
     return hand if config.rehearsal is None else RehearsedLoadFrame(hand, modbus.open_load_frame(config.rehearsal, clock))
+
+
+def check_files(settings: Mapping[str, object], clock: ClockSource) -> list[Finding]:
+    """Read the newest line of the load file, if there is one, as a run would.
+
+    Raises:
+        BadConfig: for settings that are not valid.
+    """
+    config = checked(OperatorFrameSettings, FrameSettings.split(settings)[1], "operator load frame")
+    return [] if config.load_file is None else [check_load_file("load_file", config.load_file, clock)]

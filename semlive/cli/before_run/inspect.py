@@ -14,12 +14,13 @@ from semlive.cli.before_run.inspect_table import print_inspection
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
+from semlive.formats.images.frames import other_format
 from semlive.formats.images.inspection import Inspection, as_json, inspect_file, inspect_sidecar
 from semlive.formats.vendors.png import is_png
 from semlive.formats.vendors.tiff import is_tiff
 from semlive.inputs.files import MAX_IMAGE_BYTES, read_regular
 from semlive.service.config.configuration import load_config
-from semlive.service.watch.sidecars import IMAGE_SUFFIXES, SIDECAR_SUFFIXES, sidecar_of
+from semlive.service.watch.sidecars import IMAGE_SUFFIXES, SIDECAR_SUFFIXES, sidecar_names, sidecar_of
 
 
 def inspect(
@@ -34,10 +35,11 @@ def inspect(
     page: Annotated[int | None, typer.Option(min=1, help="Which image of TIFF files that contain several, from 1.")] = None,
 ) -> None:
     """Show the scan parameters of exported images, the source of each value, and what is missing."""
-    profile = ScanProfile() if config is None else load_config(config).sem.scan_profile
+    loaded = None if config is None else load_config(config).sem
+    profile, vendor = (ScanProfile(), None) if loaded is None else (loaded.scan_profile, loaded.vendor)
     if page is not None:
         profile = replace(profile, page=page)
-    inspections = [(path, _inspected(path, profile)) for path in files]
+    inspections = [(path, _inspected(path, profile, vendor)) for path in files]
     if as_json_object:
         typer.echo(json.dumps({"files": [as_json(inspection, str(path)) for path, inspection in inspections]}))
         return
@@ -46,7 +48,7 @@ def inspect(
         print_inspection(console, path, inspection)
 
 
-def _inspected(path: Path, profile: ScanProfile) -> Inspection:
+def _inspected(path: Path, profile: ScanProfile, vendor: str | None) -> Inspection:
     """Scan parameters of one file.
 
     Raises:
@@ -57,19 +59,20 @@ def _inspected(path: Path, profile: ScanProfile) -> Inspection:
     except OSError as error:
         raise BadImage(f"{path}: cannot be read ({error.strerror}); give an exported image file") from error
     if path.suffix.lower() in SIDECAR_SUFFIXES and not (is_tiff(data) or is_png(data)):
-        return _inspected_sidecar(path, data, mtime_ns, profile)
+        return _inspected_sidecar(path, data, mtime_ns, profile, vendor)
     if not (is_tiff(data) or is_png(data)):
-        raise BadImage(f"{path}: is neither TIFF nor PNG; give an exported image file")
+        raise BadImage(f"{path}: {other_format(data)}is neither TIFF nor PNG, and a run would not take it; set the SEM's export to TIFF")
     sidecar_path = sidecar_of(path)
     sidecar = None if sidecar_path is None else read_regular(sidecar_path, MAX_IMAGE_BYTES)
-    return inspect_file(ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar), profile)
+    return inspect_file(ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar), profile, vendor)
 
 
-def _inspected_sidecar(path: Path, sidecar: bytes, mtime_ns: int, profile: ScanProfile) -> Inspection:
+def _inspected_sidecar(path: Path, sidecar: bytes, mtime_ns: int, profile: ScanProfile, vendor: str | None) -> Inspection:
     """Scan parameters of a text file: those of its image, or of the text alone if the image does not exist."""
-    images = [image for image in path.parent.iterdir() if image.suffix.lower() in IMAGE_SUFFIXES and sidecar_of(image) == path]
+    name, others = path.name.casefold(), (image for image in path.parent.iterdir() if image.suffix.lower() in IMAGE_SUFFIXES)
+    images = [image for image in others if name in map(str.casefold, sidecar_names(image.name)) and sidecar_of(image) == path]
     if images:
-        return _inspected(min(images), profile)
+        return _inspected(min(images), profile, vendor)
     inspection = inspect_sidecar(path.name, sidecar, mtime_ns, profile)
     if inspection is None:
         raise BadImage(

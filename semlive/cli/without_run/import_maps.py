@@ -26,6 +26,7 @@ class Engine(StrEnum):
     DICE = "dice"
     OPENCORR = "opencorr"
     PYVALE = "pyvale"
+    OTHER = "other"
 
 
 class ImageAxis(StrEnum):

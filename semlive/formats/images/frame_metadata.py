@@ -15,6 +15,7 @@ from semlive.formats.metadata.header import Header
 _PRINTED = 1.00001  # factor for values that headers print with six digits
 _MAX_VALUES = {"dwell_time_s": 10.0, "row_time_s": 1e4, "frame_time_s": 1e6, "pixel_size_m": 1.0}
 _MAX_INTEGRATIONS = 10_000
+_MODIFICATION_TIME_SUFFICES = ("plain", "jeol", "hitachi")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +104,7 @@ def frame_info(file: ExportedFile, header: Header, width: int, rows: int, profil
         column=header.column,
         start_anchor=profile.start_anchor if header.embedded is not None else "end",
         embedded_time_ns=None if header.embedded is None else header.embedded.time_ns,
-        notes=header.notes + geometry_notes(header.geometry, scan.pixel_size_m.value),
+        notes=header.notes + geometry_notes(header.geometry, scan.pixel_size_m.value) + unread_time_notes(header),
         geometry=header.geometry,
     )
 
@@ -163,6 +164,26 @@ def _missing(name: str, header: Header, scan: ScanMetadata) -> str:
     return f"{name}: does not contain its {listed}; set {', or '.join(ways)} in the configuration."
 
 
+def missing_time_message(name: str, header: Header) -> str | None:
+    """Return the reason for which a frame without a time is refused, one sentence with advice; None if it has one or needs none.
+
+    A file of a vendor whose files may lack a time was written at the end of its scan, so its modification time is sufficient.
+    """
+    if header.embedded is not None or header.vendor in _MODIFICATION_TIME_SUFFICES:
+        return None
+    if header.unread_time:
+        advice = "set the date format of the microscope's computer to 2022-03-14 and 24 hours"
+        return f"{name}: its date and time {header.unread_time!r} were not understood; {advice}."
+    return f"{name}: has no readable time of acquisition; switch the date and time of the export on."
+
+
+def unread_time_notes(header: Header) -> tuple[str, ...]:
+    """Return a note on a date that was not understood, if the modification time replaces it."""
+    if header.embedded is not None or not header.unread_time or header.vendor not in _MODIFICATION_TIME_SUFFICES:
+        return ()
+    return (f"its date and time {header.unread_time!r} were not understood; the modification time of the file is used.",)
+
+
 def missing_metadata_message(name: str, header: Header, width: int, scan: ScanMetadata) -> str | None:
     """Return the reason for which a frame with this header is refused, one sentence with advice; None if nothing is missing."""
     try:
@@ -202,9 +223,9 @@ def _start(file: ExportedFile, header: Header, timing: ScanTiming, profile: Scan
     """
     moment = header.embedded
     if moment is None:
-        if header.vendor in ("plain", "jeol", "hitachi"):
-            return Sourced(file.mtime_ns - round(timing.duration_s * 1e9), Provenance.DERIVED), profile.start_sigma_s
-        raise BadImage(f"{file.name}: has no readable time of acquisition; switch the date and time of the export on.")
+        if (problem := missing_time_message(file.name, header)) is not None:
+            raise BadImage(problem)
+        return Sourced(file.mtime_ns - round(timing.duration_s * 1e9), Provenance.DERIVED), profile.start_sigma_s
     offset_s = 0.0 if moment.zoned else profile.clock_offset_s
     time_ns = moment.time_ns - round(offset_s * 1e9)
     sigma_s = max(profile.start_sigma_s, moment.sigma_s)

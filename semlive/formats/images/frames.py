@@ -17,8 +17,23 @@ from semlive.formats.vendors import fei, greyscale, hitachi, jeol, plain, png, t
 SIDECAR_VENDORS = ("jeol", "hitachi")
 """Vendors whose header is always in a sidecar, a text file with the name of the image."""
 
-
-_VENDOR_TAGS = {tiff.Tag.FEI_HELIOS, tiff.Tag.FEI_SFEG, tiff.Tag.FEI_XML, tiff.Tag.ZEISS, tiff.Tag.TESCAN}
+_VENDOR_TAGS = {
+    tiff.Tag.FEI_HELIOS: "fei",
+    tiff.Tag.FEI_SFEG: "fei",
+    tiff.Tag.FEI_XML: "fei",
+    tiff.Tag.ZEISS: "zeiss",
+    tiff.Tag.TESCAN: "tescan",
+}
+_OTHER_FORMATS = {
+    b"\xff\xd8\xff": "JPEG",
+    b"BM": "BMP",
+    b"GIF8": "GIF",
+    b"\0\0\0\x0cjP": "JPEG 2000",
+    b"RIFF": "WebP",
+    b"%PDF": "PDF",
+    b"PK": "ZIP",
+}
+_UNDERSTOOD = ("instrument", "width_px", "rows", "dwell_time_s", "row_time_s", "frame_time_s", "pixel_size_m", "embedded", "unread_time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,29 +68,47 @@ def parse_file(file: ExportedFile, number: int | None = None) -> ParsedFile:
     if tiff.is_tiff(file.data):
         return parse_tiff(file, tiff_pages.find_page(file.data, file.name, number))
     if not png.is_png(file.data):
-        raise BadImage(f"{file.name}: is neither TIFF nor PNG; set the microscope's export to TIFF.")
+        raise BadImage(f"{file.name}: {other_format(file.data)}is neither TIFF nor PNG; set the microscope's export to TIFF.")
     width, rows = png.size_px(file.data, file.name)
     return ParsedFile(file, _external_header(file), width, rows)
 
 
+def other_format(data: bytes) -> str:
+    """Return the clause ``is a JPEG file, so it `` for an image of another format; empty if the format is not known."""
+    name = next((name for mark, name in _OTHER_FORMATS.items() if data.startswith(mark)), "")
+    return f"is a {name} file, so it " if name else ""
+
+
 def parse_tiff(file: ExportedFile, page: tiff_pages.Page) -> ParsedFile:
     """Parse the header of a TIFF file: that of the image, or else of the first image of the file."""
-    data, width, rows = file.data, page.width_px, page.rows
-    directory = page.directory if _VENDOR_TAGS & page.directory.tags.keys() else page.first
-    header = fei.read_header(data, directory, width, rows) or zeiss.read_header(data, directory, width, rows)
-    header = header or tescan.read_header(data, directory) or _external_header(file)
-    if page.notes:
-        header = replace(header, notes=header.notes + page.notes)
-    return ParsedFile(file, header, width, rows, page)
+    data, width, rows, mtime_ns = file.data, page.width_px, page.rows, file.mtime_ns
+    directory = page.directory if _VENDOR_TAGS.keys() & page.directory.tags.keys() else page.first
+    header = fei.read_header(data, directory, width, rows, mtime_ns) or zeiss.read_header(data, directory, width, rows, mtime_ns)
+    header = header or tescan.read_header(data, directory, mtime_ns)
+    notes = page.notes + _unreadable_tag_notes(directory, header)
+    header = header or _external_header(file)
+    return ParsedFile(file, replace(header, notes=header.notes + notes) if notes else header, width, rows, page)
+
+
+def _unreadable_tag_notes(directory: tiff.Directory, header: Header | None) -> tuple[str, ...]:
+    """Return a note if the file has a tag of a vendor but nothing in it was understood."""
+    present = [(code, vendor) for code, vendor in _VENDOR_TAGS.items() if code in directory.tags]
+    if not present or (header is not None and any(getattr(header, name) for name in _UNDERSTOOD)):
+        return ()
+    code, vendor = present[0]
+    return (f"its metadata in tag {code} of {vendor} cannot be read; export it again, or copy the original file.",)
 
 
 def _external_header(file: ExportedFile) -> Header:
-    return read_sidecar(file.sidecar or b"", file.mtime_ns) or plain.header()
+    header = read_sidecar(file.sidecar or b"", file.mtime_ns)
+    if header is None and file.sidecar:
+        return plain.header("the text file of its name is not that of a known microscope, so it is not used.")
+    return header or plain.header()
 
 
 def read_sidecar(sidecar: bytes, mtime_ns: int) -> Header | None:
     """Parse the text file of an image; None if no vendor writes such a file."""
-    return jeol.read_sidecar(sidecar) or tescan.read_sidecar(sidecar) or hitachi.read_sidecar(sidecar, mtime_ns)
+    return jeol.read_sidecar(sidecar, mtime_ns) or tescan.read_sidecar(sidecar, mtime_ns) or hitachi.read_sidecar(sidecar, mtime_ns)
 
 
 def read_info(file: ExportedFile, profile: ScanProfile) -> FrameInfo:
@@ -143,7 +176,7 @@ def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None 
         return str(error).removeprefix(f"{file.name}: ").rstrip(".")
     header, width, rows = parsed.header, parsed.width_px, parsed.rows
     if vendor is not None and header.vendor != vendor:
-        return f"it has no header of {vendor}" + (" in a text file of the same name" if vendor in SIDECAR_VENDORS else "")
+        return missing_header(vendor)
     if header.width_px not in (None, width) or header.rows not in (None, rows):
         return f"it is {width} x {rows} px, but its header describes another image"
     if parsed.page is None:
@@ -151,6 +184,11 @@ def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None 
     bar = rows - int(header.height_px) if header.height_px else header.databar_rows or profile.databar_rows or 0
     zeros = tiff.zero_rows(file.data, parsed.page.directory, rows - bar)
     return f"its last {zeros} rows are zero" if zeros >= 2 else None
+
+
+def missing_header(vendor: str) -> str:
+    """Return the clause about a file without the header of its vendor."""
+    return f"it has no header of {vendor}" + (" in a text file of the same name" if vendor in SIDECAR_VENDORS else "")
 
 
 def ends_like_partial_file(data: bytes) -> bool:

@@ -11,7 +11,7 @@ from semlive.data.scan_geometry import ScanGeometry, geometry_notes
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.images import frame_metadata
-from semlive.formats.images.frames import ParsedFile, check_complete, parse_file, read_pixels, read_sidecar
+from semlive.formats.images.frames import ParsedFile, check_complete, missing_header, parse_file, read_pixels, read_sidecar
 from semlive.formats.metadata.header import Header
 from semlive.formats.vendors import greyscale
 
@@ -50,12 +50,13 @@ class Inspection:
     geometry: ScanGeometry = field(default_factory=ScanGeometry)
 
 
-def inspect_file(file: ExportedFile, profile: ScanProfile) -> Inspection:
+def inspect_file(file: ExportedFile, profile: ScanProfile, vendor: str | None = None) -> Inspection:
     """Inspect an image file.
 
     Args:
         file: the file, with its sidecar if there is one.
         profile: configured values for metadata that the file lacks.
+        vendor: vendor whose header a run requires; None for any.
     """
     try:
         parsed = parse_file(file, profile.page)
@@ -68,9 +69,13 @@ def inspect_file(file: ExportedFile, profile: ScanProfile) -> Inspection:
         problems.append(f"is incomplete: {missing}; wait until it is written, or export it again.")
     if header.refused is not None:
         problems.append(header.refused)
+    if vendor is not None and header.vendor != vendor:
+        problems.append(f"{missing_header(vendor)}, which sem.vendor requires; export it with its metadata, or correct sem.vendor.")
     height, values, gap = _values(file, header, width, rows, profile)
     if gap is not None:
         problems.append(gap)
+    if (no_time := frame_metadata.missing_time_message(file.name, header)) is not None:
+        problems.append(_without_name(file.name, no_time))
     finished, content = _content(parsed, height) if missing is None else (False, None)
     if content is not None:
         problems.append(content)
@@ -185,7 +190,8 @@ def _content(parsed: ParsedFile, height: int) -> tuple[bool, str | None]:
 
 def _notes(header: Header, values: dict[str, SourcedValue]) -> tuple[str, ...]:
     width_m = values["pixel_size_m"].value
-    return header.notes + geometry_notes(header.geometry, width_m if isinstance(width_m, float) else None)
+    geometry = geometry_notes(header.geometry, width_m if isinstance(width_m, float) else None)
+    return header.notes + geometry + frame_metadata.unread_time_notes(header)
 
 
 def _advice(header: Header, profile: ScanProfile) -> tuple[str, ...]:

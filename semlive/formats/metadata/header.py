@@ -32,6 +32,7 @@ class Header:
         line_integrations: number of passes over each row that were integrated.
         pixel_size_m: edge of a pixel.
         embedded: date and time in the file.
+        unread_time: date and time as written in the file, if they were not understood; empty otherwise.
         column: settings of the microscope.
         geometry: settings of the scan that change the geometry of the image.
         refused: reason why the image must not be used, without the name of the file.
@@ -53,6 +54,7 @@ class Header:
     line_integrations: Sourced[float] | None = None
     pixel_size_m: Sourced[float] | None = None
     embedded: Moment | None = None
+    unread_time: str = ""
     column: ColumnSettings = field(default_factory=ColumnSettings)
     geometry: ScanGeometry = field(default_factory=ScanGeometry)
     refused: str | None = None

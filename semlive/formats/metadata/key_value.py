@@ -8,7 +8,7 @@ MAX_TEXT_BYTES = 2**20
 
 
 def decode_text(raw: bytes) -> str:
-    """Decode a text file of a Windows program: UTF-16 with or without byte order mark, UTF-8 with one, else the western code page."""
+    """Decode a text file of a Windows program: UTF-16 or UTF-8 with or without byte order mark, else the western code page."""
     raw = raw[:MAX_TEXT_BYTES]
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return raw.decode("utf-16", errors="replace")
@@ -18,7 +18,10 @@ def decode_text(raw: bytes) -> str:
         return raw.decode("utf-16-le", errors="replace")
     if raw[:1] == b"\0":
         return raw.decode("utf-16-be", errors="replace")
-    return raw.decode("cp1252", errors="replace")
+    try:
+        return raw.decode("utf-8")  # bytes above 127 of a code page are hardly ever valid UTF-8
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")
 
 
 def parse_equals_lines(text: str) -> dict[str, str]:

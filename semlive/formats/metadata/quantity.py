@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-_NUMBER = r"\s*([+-]?(?:\d{1,20}\.?\d{0,20}|\.\d{1,20})(?:[eE][+-]?\d{1,4})?)"
+from semlive.inputs.text_number import Sign, sign_of
+
+_NUMBER = r"\s*([+-]?(?:\d{1,20}[.,]?\d{0,20}|[.,]\d{1,20})(?:[eE][+-]?\d{1,4})?)"
 _QUANTITY = re.compile(_NUMBER + r"\s*(\D{0,12}?)\s*")
-# A micro sign that went through the wrong code page: cp1252 read as UTF-8, UTF-8 read as cp1252, Greek mu, or a bare question mark.
-_MICRO = ("\u00b5", "\u03bc", "\u00c2\u00b5", "\u00ce\u00bc", "?", "\ufffd", "u")
+_MICRO = ("?", "u")
+_FOREIGN_MICRO = re.compile(r"[^\x00-\x7f°]{1,3}([ms])")
+"""A micro sign of any code page: no other prefix of a unit is outside ASCII."""
 _SCALES = {
     **dict.fromkeys(("secs", "sec", "s"), 1.0),
     **dict.fromkeys(("mins", "min"), 60.0),
@@ -48,20 +52,24 @@ def quantity(text: str) -> Quantity | None:
     match = _QUANTITY.fullmatch(text[:60])
     if match is None:
         return None
-    scale = _SCALES.get(match[2].lower())
+    unit = match[2].lower()
+    scale = 1e-6 if _FOREIGN_MICRO.fullmatch(unit) else _SCALES.get(unit)
     value = number(match[1])
     if scale is None or value is None:
         return None
     mantissa, _, exponent = match[1].lower().partition("e")
-    digits = len(mantissa.partition(".")[2])
+    digits = len(mantissa.replace(",", ".").partition(".")[2])
     power = min(max(int(exponent or 0) - digits, -300), 300)
     return Quantity(value * scale, 0.5 * scale * 10.0**power)
 
 
 def number(text: str | None) -> float | None:
-    """Parse a finite number without unit; None for other texts."""
-    if text is None or len(text) > 60:
+    """Parse a finite number without unit, with a decimal point or comma; None for other texts, also for ``1,024``, which may be 1024."""
+    if text is None or len(text) > 60 or "_" in text:
         return None
+    text = text.strip()
+    if sign_of(text) is Sign.COMMA or text.startswith("0,"):
+        text = text.replace(",", ".")
     try:
         value = float(text)
     except ValueError:
@@ -73,3 +81,8 @@ def positive(text: str | None) -> float | None:
     """Parse a finite number above zero; None for other texts."""
     value = number(text)
     return value if value is not None and value > 0 else None
+
+
+def unread_notes(values: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Return a note for each text by its key that is neither empty nor a number with an optional unit, so it counts as missing."""
+    return tuple(f"its {key} {text[:40]!r} was not understood." for key, text in values if text.strip() and quantity(text) is None)

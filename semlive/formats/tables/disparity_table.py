@@ -9,12 +9,15 @@ The programs differ in the names of their columns and in the mark of points that
 | VIC-2D | ``x, y, u, v, sigma`` and others, names in quotes | sigma below 0, or point missing |
 | DICe | ``COORDINATE_X, COORDINATE_Y, DISPLACEMENT_X, DISPLACEMENT_Y, SIGMA``; ``***`` lines above | SIGMA below 0, or point missing |
 | OpenCorr | ``x, y, u, v, ZNCC, convergence`` (``saveTable2D``) | ZNCC below 0 or NaN |
+| MatchID | ``Coordinates.Image X [Pixel], disp.Horizontal Displacement U [Pixel]`` and others | NaN, empty, or point missing |
+| muDIC, Ncorr, GOM, DaVis and others | the usual spellings in `_SPELLINGS`, in px | NaN, empty |
 | pyvale | ``subset_x, subset_y, displacement_u, displacement_v, converged`` | converged 0, NaN |
 """
 
 from __future__ import annotations
 
 import io
+import math
 import re
 from dataclasses import dataclass
 
@@ -40,6 +43,17 @@ from semlive.inputs.text_table import (
 Values = NDArray[np.float64]
 PIXELS = ("px", "pixel", "pixels", "pix")
 _IN_PIXELS = ("x", "y", "u", "v", "sigma", "sigmau", "sigmav")
+_SPELLINGS = {
+    "{x}": "{x}image image{x} coordinates.image{x} coordinatesimage{x} coord{x} {x}coord {x}coordinate coordinate{x} pos{x} {x}pos"
+    " position{x} {x}position {x}pic {x}ref {x}px {x}pixel",
+    "{u}": "u{x} d{x} displacement{x} {x}displacement displacement{u} {u}displacement disp{x} {x}disp disp{u} {u}disp displacement.{x}"
+    " displacement.{u} {along}displacement {along}displacement{u} disp.{along}displacement{u} displacement.{along}displacement{u}"
+    " {u}ref {u}px {u}pixel",
+}
+_AXES = ({"x": "x", "u": "u", "along": "horizontal"}, {"x": "y", "u": "v", "along": "vertical"})
+_ROLES = {name.format(**axis): role.format(**axis) for role, names in _SPELLINGS.items() for name in names.split() for axis in _AXES}
+"""Column of a map, ``x``, ``y``, ``u`` or ``v``, by other usual spellings of its name."""
+_VECTOR_FILE = re.compile(r"#\s*(?:DaVis|nCorr)\b.*2D-vector", re.IGNORECASE)
 _TEXT_MARKS = ("status", "converged")
 _SUBSET = re.compile(r"^\*{3}\s*Subset size:\s*(\d+)", re.MULTILINE)
 _STATUSES = sorted(PoiStatus, key=lambda status: -len(status.label))
@@ -74,6 +88,7 @@ DIALECTS = {
         TableDialect("semlive-dic", XYUV, ("sigma_u", "sigma_v"), "status", 0.5, True),
         TableDialect("vic2d", XYUV, ("sigma", "sigma"), "sigma", 0.0, False),
         TableDialect("dice", ("coordinate_x", "coordinate_y", "displacement_x", "displacement_y"), ("sigma", "sigma"), "sigma", 0.0, False),
+        TableDialect("other", XYUV, None, "valid", 0.5, False),
         TableDialect("opencorr", XYUV, None, "zncc", 0.0, False),
         TableDialect("pyvale", ("subset_x", "subset_y", "displacement_u", "displacement_v"), None, "converged", 0.5, False),
     )
@@ -129,7 +144,7 @@ def read_disparity_table(data: bytes, where: str, dialect: str | None = None) ->
     Raises:
         BadInput: the table is invalid; the message contains file, line, column and advice.
     """
-    lines = lines_of(text_of(data, where))
+    lines = _with_names(lines_of(text_of(data, where)), where)
     # No displacement has thousands of pixels, and no coordinate has decimals.
     layout = layout_of(lines, where, lambda columns: _places(columns, dialect), Convention(no_thousands=True))
     kind = _dialect(layout.columns, dialect)
@@ -140,6 +155,21 @@ def read_disparity_table(data: bytes, where: str, dialect: str | None = None) ->
     values = dict(zip(at, columns.T, strict=True))
     subset = _SUBSET.search("\n".join(lines[: layout.first_line]))
     return _table(values, kind, where, layout.first_line, min(int(subset.group(1)), 10**6) if subset else 0, numbers)
+
+
+def _with_names(lines: list[str], where: str) -> list[str]:
+    """Return the lines of a file that DaVis or a converter to its format wrote, with the names that its first line implies.
+
+    Raises:
+        BadInput: the first line states another unit than pixels.
+    """
+    if not lines or not _VECTOR_FILE.match(lines[0]):
+        return lines
+    for unit in re.findall(r'"([^"]*)"', lines[0])[1::2]:  # after each name its unit
+        if unit.strip().casefold() not in PIXELS:
+            raise BadInput(f"{where}: line 1: states the unit {unit[:20]!r}; export positions and displacements in pixels.")
+    separator = next((sign for sign in "\t;" if any(sign in line for line in lines[1:2])), " ")
+    return ["# " + separator.join(XYUV), *lines[1:]]
 
 
 def _places(columns: tuple[Column, ...], dialect: str | None) -> tuple[int, ...]:
@@ -154,18 +184,18 @@ def _places(columns: tuple[Column, ...], dialect: str | None) -> tuple[int, ...]
 
 def _at(columns: tuple[Column, ...], kind: TableDialect) -> dict[str, int]:
     """Return the places of the existing columns of a dialect, by its names."""
-    keys = [column.key for column in columns]
+    keys = _keys(columns)
     names = (*kind.place, *(kind.sigma or ()), kind.mark)
     return {name: keys.index(key_of(name)) for name in names if key_of(name) in keys}
 
 
 def _dialect(columns: tuple[Column, ...], name: str | None) -> TableDialect:
     """Return the dialect of a map by its name, or else by its columns; errors begin with ``{head}``, the line of names."""
-    for column in columns:
-        if column.key in _IN_PIXELS and column.unit and column.unit.casefold() not in PIXELS:
+    keys = _keys(columns)
+    for column, key in zip(columns, keys, strict=True):
+        if key in _IN_PIXELS and column.unit and column.unit.casefold() not in PIXELS:
             raise BadInput(f"{{head}}, column {column.name}: is in {column.unit[:20]!r}; export it in pixels.")
-    keys = [column.key for column in columns]
-    kind = DIALECTS[name or _detected_dialect(keys)]
+    kind = DIALECTS[name or _detected_dialect(keys, [column.key for column in columns])]
     required = [*kind.place, *([kind.mark] if kind.mark != "valid" else [])]
     for column_name in required:
         if key_of(column_name) not in keys:
@@ -179,8 +209,31 @@ def _dialect(columns: tuple[Column, ...], name: str | None) -> TableDialect:
     return kind
 
 
-def _detected_dialect(keys: list[str]) -> str:
-    if "coordinatex" in keys:
+def _keys(columns: tuple[Column, ...]) -> list[str]:
+    """Return the keys of the columns; other usual spellings of x, y, u and v are replaced where the map has no column of that name.
+
+    Raises:
+        BadInput: two columns may be meant.
+    """
+    keys = [column.key for column in columns]
+    if "coordinatex" in keys and "displacementx" in keys and "sigma" in keys:
+        return keys
+    if "subsetx" in keys:
+        return keys
+    for role in XYUV:
+        places = [place for place, key in enumerate(keys) if _ROLES.get(key) == role]
+        if role in keys or not places:
+            continue
+        if len(places) > 1:
+            both = " or ".join(repr(columns[place].raw) for place in places[:2])
+            raise BadInput(f"{{head}}: column {role} may be {both}; keep one.")
+        keys[places[0]] = role
+    return keys
+
+
+def _detected_dialect(keys: list[str], names: list[str]) -> str:
+    """Return the dialect of a map by the keys of its columns, and by their own names, which differ for other programs."""
+    if "coordinatex" in keys and "displacementx" in keys:
         return "dice"
     if "subsetx" in keys:
         return "pyvale"
@@ -188,7 +241,9 @@ def _detected_dialect(keys: list[str]) -> str:
         return "semlive-dic"
     if "zncc" in keys and "convergence" in keys:
         return "opencorr"
-    return "vic2d" if "sigma" in keys and "sigmau" not in keys else "semlive"
+    if "sigma" in keys and "sigmau" not in keys:
+        return "vic2d"
+    return "semlive" if all(name in names for name in XYUV) else "other"
 
 
 def _words_to_numbers(body: str, kind: TableDialect) -> str:
@@ -210,7 +265,7 @@ def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDi
     last = max((place for place in range(first, len(lines)) if not is_blank(lines[place])), default=first - 1)
     body = lines[first : last + 1]
     if (values := _parse_uniform_lines(body, layout, at, kind)) is not None:
-        return values, None
+        return _without_empty(values, np.arange(layout.first_line, layout.first_line + len(values)), layout.first_line)
     rows, numbers = [], []
     for number, line in enumerate(body, layout.first_line):
         if is_blank(line):
@@ -219,7 +274,14 @@ def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDi
         layout = layout.after(cells)
         rows.append([_number(cells, index, name, kind, at, layout, number) for name, index in at.items()])
         numbers.append(number)
-    return np.array(rows).reshape(-1, len(at)), np.array(numbers)
+    return _without_empty(np.array(rows).reshape(-1, len(at)), np.array(numbers, dtype=np.int64), layout.first_line)
+
+
+def _without_empty(values: Values, numbers: NDArray[np.int64], first_line: int) -> tuple[Values, NDArray[np.int64] | None]:
+    """Return the points without lines that hold neither position nor displacement, and the line numbers if some are left out."""
+    full = ~np.isnan(values[:, :4]).all(axis=1)
+    consecutive = bool(full.all()) and bool((numbers == np.arange(first_line, first_line + len(numbers))).all())
+    return values[full], None if consecutive else numbers[full]
 
 
 def _parse_uniform_lines(body: list[str], layout: Layout, at: dict[str, int], kind: TableDialect) -> Values | None:
@@ -246,8 +308,13 @@ def _parse_uniform_lines(body: list[str], layout: Layout, at: dict[str, int], ki
 def _number(cells: list[str], index: int, name: str, kind: TableDialect, at: dict[str, int], layout: Layout, line: int) -> float:
     place, text = f"{layout.where}: line {line}, column {name}", cells[index]
     if not text:
-        if name not in kind.place[:2] and kind.mark != name and _not_found(cells, kind, at, layout.decimal):
-            return 0.0
+        if name in kind.place[:2] and all(not cells[at[other]] for other in kind.place):
+            return math.nan
+        if name not in kind.place[:2] and kind.mark != name:
+            if _not_found(cells, kind, at, layout.decimal):
+                return 0.0
+            if kind.mark not in at or not kind.lists_all_points:
+                return math.nan
         raise BadInput(f"{place}: is empty; give a number, or mark with the column valid that the point was not found.")
     value = number_in(text, layout.decimal)
     if value is None:
@@ -266,6 +333,8 @@ def _table(
     x, y, u, v = (values[name] for name in kind.place)
     mark = values.get(kind.mark)
     valid = np.ones(len(x), dtype=np.bool_) if mark is None else mark >= kind.min_mark
+    if mark is None or not kind.lists_all_points:
+        valid &= ~(np.isnan(u) | np.isnan(v))
     sigma = None
     if kind.sigma is not None and kind.sigma[0] in values:
         sigma = tuple(np.where(valid, values[name], 0.0) for name in kind.sigma)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from semlive.data.experiment import Phase
 from semlive.errors import BadInput
+from semlive.inputs.text_number import is_lost
 from semlive.inputs.text_table import Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
 
 FORMAT_VERSION = 1
@@ -85,7 +86,7 @@ def read_frame_table(data: bytes, where: str) -> tuple[FrameRow, ...]:
     """
     lines = lines_of(text_of(data, where))
     layout = layout_of(lines, where, _numeric_places)
-    keys = [column.key for column in layout.columns]
+    keys = _keys(layout.columns)
     at = {name: keys.index(key_of(name)) for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if key_of(name) in keys}
     rows: list[FrameRow] = []
     for number, line in enumerate(lines[layout.first_line - 1 :], layout.first_line):
@@ -106,14 +107,25 @@ def _numeric_places(columns: tuple[Column, ...]) -> tuple[int, ...]:
     Raises:
         BadInput: a column is missing or occurs twice.
     """
-    keys = [column.key for column in columns]
+    keys = _keys(columns)
     for name in REQUIRED_COLUMNS:
         if key_of(name) not in keys:
+            quantity, _, unit = name.rpartition("_")
+            for column in columns:
+                if column.unit and column.key == key_of(quantity):
+                    raise BadInput(f"{{head}}: column {column.raw} is in {column.unit}; give {name} in {unit.replace('n', 'N')}.")
             raise BadInput(f"{{head}}: column {name} is missing; add it (the columns are {', '.join(REQUIRED_COLUMNS)}).")
-    for column in columns:
-        if column.key and keys.count(column.key) > 1:
+    for column, key in zip(columns, keys, strict=True):
+        if key and keys.count(key) > 1:
             raise BadInput(f"{{head}}: column {column.name} occurs twice; keep one.")
     return tuple(keys.index(key_of(name)) for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if key_of(name) in keys and name != "phase")
+
+
+def _keys(columns: tuple[Column, ...]) -> list[str]:
+    """Return the keys of the columns; a unit in brackets counts as the end of a name: ``start (s)`` is start_s."""
+    names = {key_of(name) for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)}
+    with_units = (key_of(column.name + column.unit) for column in columns)
+    return [key if key in names else column.key for column, key in zip(columns, with_units, strict=True)]
 
 
 def _row(cells: Mapping[str, str], line: int, where: str, decimal: str) -> FrameRow:
@@ -194,7 +206,7 @@ class _Line:
         return int(value)
 
     def number_or_none(self, column: str) -> float | None:
-        return self.number(column) if (self.cells.get(column) or "").strip() else None
+        return None if is_lost((self.cells.get(column) or "").strip()) else self.number(column)
 
 
 def _check_together(rows: list[FrameRow], where: str) -> None:

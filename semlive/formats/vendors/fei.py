@@ -24,12 +24,22 @@ from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, Sourced
 from semlive.data.scan_geometry import FULL_FRAME, ScanGeometry
 from semlive.formats.metadata.header import Header, from_file, switch, text_from_file
-from semlive.formats.metadata.quantity import number, positive
-from semlive.formats.metadata.timestamps import Moment, dated, iso
+from semlive.formats.metadata.quantity import number, positive, unread_notes
+from semlive.formats.metadata.timestamps import Acquired, acquired, iso
 from semlive.formats.vendors.tiff import Directory, Tag
 
 _MAX_TEXT_BYTES = 2**20
 _TAIL_BYTES = 2**18
+_USED = (
+    "Image/ResolutionX",
+    "Image/ResolutionY",
+    "EScan/Dwell",
+    "EScan/LineTime",
+    "EScan/FrameTime",
+    "EScan/PixelWidth",
+    "Image/Integrate",
+)
+"""Numbers without which another value is used."""
 _PRINTED = 1.00001  # factor for values that headers print with six digits
 
 
@@ -103,14 +113,15 @@ def parse_xml(text: str) -> dict[str, str]:
     return values
 
 
-def read_header(data: bytes, directory: Directory, width: int, rows: int) -> Header | None:
+def read_header(data: bytes, directory: Directory, width: int, rows: int, mtime_ns: int = 0) -> Header | None:
     """Return the header of an FEI file; None for other files."""
     text = read_text(data, directory)
-    return None if text is None else header(text, width, rows)
+    return None if text is None else header(text, width, rows, mtime_ns)
 
 
-def header(text: FeiText, width: int | None = None, rows: int = 0) -> Header:
+def header(text: FeiText, width: int | None = None, rows: int = 0, mtime_ns: int = 0) -> Header:
     """Return the metadata of the scan from the text of an FEI file whose image has `width` columns, if known, and `rows` rows."""
+    time = _acquired(text, mtime_ns)
     area = _area(text, width, rows)
     frames = text.number("Image/Integrate", "EScan/Integrate", "Scan/Integrate") or _frames_filtered(text)
     return Header(
@@ -124,11 +135,12 @@ def header(text: FeiText, width: int | None = None, rows: int = 0) -> Header:
         integrations=from_file(frames),
         line_integrations=from_file(text.number("EScan/LineIntegration", "ScanSettings/LineIntegrationCount")),
         pixel_size_m=from_file(text.number("EScan/PixelWidth", "Scan/PixelWidth", "PixelSize/X")),
-        embedded=_embedded(text),
+        embedded=time.moment,
+        unread_time=time.unread,
         column=_column(text),
         geometry=_geometry(text, area),
         refused=_processed(text) or area.refused,
-        notes=_notes(text),
+        notes=_notes(text) + time.notes,
     )
 
 
@@ -227,6 +239,10 @@ def _processed(text: FeiText) -> str | None:
 
 
 def _notes(text: FeiText) -> tuple[str, ...]:
+    return _two_counts(text) + unread_notes((path, text.text(path)) for path in _USED)
+
+
+def _two_counts(text: FeiText) -> tuple[str, ...]:
     image, scan = text.number("Image/Integrate"), text.number("Scan/Integrate")
     if image is not None and scan is not None and image != scan:
         return (f"[Scan] contains {scan:g} integrated frames and [Image] {image:g}; [Image] is used.",)
@@ -238,11 +254,15 @@ def _frames_filtered(text: FeiText) -> float | None:
     return text.number("BinaryResult/FilterFrameCount") if filtered else None
 
 
-def _embedded(text: FeiText) -> Moment | None:
-    moment = iso(text.xml.get("Acquisition/AcquisitionDatetime", ""))
+def _acquired(text: FeiText, mtime_ns: int) -> Acquired:
+    """Return the first time that is understood, of three that a file may contain."""
+    written = text.xml.get("Acquisition/AcquisitionDatetime", "")
     date, _, clock = text.ini.get("PrivateFei/TimeOfCreation", "").partition(" ")
-    moment = moment or dated(date, "dmy", clock)
-    return moment or dated(text.ini.get("User/Date", ""), "mdy", text.ini.get("User/Time", ""))
+    created = acquired(date, clock, "dmy", mtime_ns)
+    user = acquired(text.ini.get("User/Date", ""), text.ini.get("User/Time", ""), "mdy", mtime_ns)
+    times = (Acquired(iso(written), written.strip()[:60]), created, user)
+    understood = next((time for time in times if time.moment is not None), None)
+    return understood or Acquired(unread=next((time.unread for time in times if time.unread), ""))
 
 
 def _tail_text(data: bytes) -> str | None:

@@ -16,8 +16,8 @@ from semlive.data.frame import ColumnSettings
 from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.metadata import key_value
 from semlive.formats.metadata.header import Header, from_file, switch, text_from_file
-from semlive.formats.metadata.quantity import number, positive, quantity
-from semlive.formats.metadata.timestamps import Moment, dated
+from semlive.formats.metadata.quantity import number, positive, quantity, unread_notes
+from semlive.formats.metadata.timestamps import acquired
 
 _HITACHI_KEYS = {"InstructName", "PixelSize", "DataSize", "SignalName", "ScanSpeed", "AcceleratingVoltage"}
 
@@ -32,7 +32,7 @@ def header(values: Mapping[str, str], mtime_ns: int) -> Header:
     """Return the metadata of the scan from the keys; the modification time selects the order of day and month."""
     size = re.fullmatch(r"\s*(\d{1,6})\s*[xX]\s*(\d{1,6})\s*", values.get("DataSize", ""))
     nanometres = positive(values.get("PixelSize"))
-    embedded, notes = _embedded(values, mtime_ns)
+    time = acquired(values.get("Date", ""), values.get("Time", ""), "", mtime_ns)
     return Header(
         vendor="hitachi",
         instrument=values.get("InstructName", ""),
@@ -40,7 +40,8 @@ def header(values: Mapping[str, str], mtime_ns: int) -> Header:
         width_px=float(size[1]) if size else None,
         rows=float(size[2]) if size else None,
         pixel_size_m=from_file(None if nanometres is None else nanometres * 1e-9),
-        embedded=embedded,
+        embedded=time.moment,
+        unread_time=time.unread,
         column=ColumnSettings(
             detector=text_from_file(values.get("SignalName", "")),
             voltage_v=from_file(_above_zero(values.get("AcceleratingVoltage", ""))),
@@ -49,7 +50,7 @@ def header(values: Mapping[str, str], mtime_ns: int) -> Header:
             scan_rotation_deg=from_file(number(values.get("Rotation"))),
         ),
         geometry=_geometry(values),
-        notes=notes,
+        notes=unread_notes((key, values.get(key, "")) for key in ("PixelSize", "Magnification")) + time.notes,
     )
 
 
@@ -65,13 +66,3 @@ def _geometry(values: Mapping[str, str]) -> ScanGeometry:
 def _above_zero(text: str) -> float | None:
     value = quantity(text)
     return value.value if value is not None and value.value > 0 else None
-
-
-def _embedded(values: Mapping[str, str], mtime_ns: int) -> tuple[Moment | None, tuple[str, ...]]:
-    date, clock = values.get("Date", ""), values.get("Time", "")
-    day_first, month_first = dated(date, "dmy", clock), dated(date, "mdy", clock)
-    if day_first is None or month_first is None or day_first == month_first:
-        return day_first or month_first, ()
-    nearer = min((day_first, month_first), key=lambda moment: abs(moment.time_ns - mtime_ns))
-    order = "day" if nearer is day_first else "month"
-    return nearer, (f"its date {date[:12]} has the {order} first, by the file's modification time.",)

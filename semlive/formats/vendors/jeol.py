@@ -16,18 +16,22 @@ from semlive.data.frame import ColumnSettings
 from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.metadata import key_value
 from semlive.formats.metadata.header import Header, derived, from_file, text_from_file
-from semlive.formats.metadata.quantity import number, positive, quantity
-from semlive.formats.metadata.timestamps import dated
+from semlive.formats.metadata.quantity import number, positive, quantity, unread_notes
+from semlive.formats.metadata.timestamps import acquired
+
+_USED = ("$$SM_MICRON_BAR", "$$SM_MICRON_MARKER", "$$SM_INTEG_NO", "$CM_MAG")
+"""Numbers without which another value is used."""
 
 
-def read_sidecar(sidecar: bytes) -> Header | None:
+def read_sidecar(sidecar: bytes, mtime_ns: int = 0) -> Header | None:
     """Return the header from the text file of an image; None for other vendors."""
     values = key_value.parse_dollar_lines(key_value.decode_text(sidecar))
-    return header(values) if any(key.startswith(("$CM_", "$$SM_")) for key in values) else None
+    return header(values, mtime_ns) if any(key.startswith(("$CM_", "$$SM_")) for key in values) else None
 
 
-def header(values: Mapping[str, str]) -> Header:
-    """Return the metadata of the scan from the keys."""
+def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
+    """Return the metadata of the scan from the keys; the modification time decides between orders of day and month."""
+    time = acquired(values.get("$CM_DATE", ""), values.get("$CM_TIME", ""), "ymd", mtime_ns)
     size = re.fullmatch(r"\s*(\d{1,6})\s+(\d{1,6})\s*", values.get("$CM_FULL_SIZE", ""))
     kilovolts, millimetres = positive(values.get("$CM_ACCEL_VOLT")), positive(values.get("$$SM_WD"))
     pixel_m, notes = _pixel_size(values)
@@ -39,7 +43,8 @@ def header(values: Mapping[str, str]) -> Header:
         height_px=float(size[2]) if size else None,
         integrations=from_file(positive(values.get("$$SM_INTEG_NO"))),
         pixel_size_m=derived(pixel_m),
-        embedded=dated(values.get("$CM_DATE", ""), "ymd", values.get("$CM_TIME", "")),
+        embedded=time.moment,
+        unread_time=time.unread,
         column=ColumnSettings(
             detector=text_from_file(values.get("$CM_DETECTOR") or values.get("$CM_DETECTOR_NAME", "")),
             voltage_v=from_file(None if kilovolts is None else kilovolts * 1e3),
@@ -48,7 +53,7 @@ def header(values: Mapping[str, str]) -> Header:
             scan_rotation_deg=from_file(number(values.get("$$SM_SCAN_ROTATION"))),
         ),
         geometry=ScanGeometry(mode=text_from_file(_mode(values))),
-        notes=notes,
+        notes=notes + unread_notes((key, values.get(key, "")) for key in _USED) + time.notes,
     )
 
 

@@ -5,6 +5,6 @@ from __future__ import annotations
 from semlive.formats.metadata.header import Header
 
 
-def header() -> Header:
+def header(*notes: str) -> Header:
     """Return a header without values."""
-    return Header(vendor="plain")
+    return Header(vendor="plain", notes=notes)

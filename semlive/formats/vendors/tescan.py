@@ -17,27 +17,29 @@ from semlive.data.scan import Provenance, Sourced
 from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.metadata import key_value
 from semlive.formats.metadata.header import Header, from_file, text_from_file
-from semlive.formats.metadata.quantity import number, positive
-from semlive.formats.metadata.timestamps import dated
+from semlive.formats.metadata.quantity import number, positive, unread_notes
+from semlive.formats.metadata.timestamps import acquired
 from semlive.formats.vendors.tiff import Directory, Tag
 
 _MAX_BLOCKS = 64
+_USED = ("ImageStripSize", "PixelSizeX", "PixelSizeY", "DwellTime", "AccFrames")
+"""Numbers without which another value is used."""
 
 
-def read_header(data: bytes, directory: Directory) -> Header | None:
+def read_header(data: bytes, directory: Directory, mtime_ns: int = 0) -> Header | None:
     """Return the header of a TESCAN file; None for other files."""
     raw = directory.raw(data, Tag.TESCAN)
     if raw is None:
         return None
     values = parse_tag(raw)
-    return header(values) if values else None
+    return header(values, mtime_ns) if values else None
 
 
-def read_sidecar(sidecar: bytes) -> Header | None:
+def read_sidecar(sidecar: bytes, mtime_ns: int = 0) -> Header | None:
     """Return the header from the ``.hdr`` file of an image; None for other files."""
     values = key_value.parse_equals_lines(key_value.decode_text(sidecar))
     required = {"PixelSizeX", "Device", "DwellTime", "ImageStripSize"} & values.keys()
-    return header(values) if len(required) >= 2 else None
+    return header(values, mtime_ns) if len(required) >= 2 else None
 
 
 def parse_tag(raw: bytes) -> dict[str, str]:
@@ -59,8 +61,9 @@ def parse_tag(raw: bytes) -> dict[str, str]:
     return values
 
 
-def header(values: Mapping[str, str]) -> Header:
-    """Return the metadata of the scan from the keys."""
+def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
+    """Return the metadata of the scan from the keys; the modification time decides between orders of day and month."""
+    time = acquired(values.get("Date", ""), values.get("Time", ""), "ymd", mtime_ns)
     strip = number(values.get("ImageStripSize"))
     x_m, y_m = positive(values.get("PixelSizeX")), positive(values.get("PixelSizeY"))
     tilt_deg, averaging = number(values.get("TiltCorrection")), values.get("AccType", "")
@@ -73,7 +76,8 @@ def header(values: Mapping[str, str]) -> Header:
         dwell_time_s=from_file(positive(values.get("DwellTime"))),
         integrations=from_file(positive(values.get("AccFrames"))),
         pixel_size_m=from_file(x_m or y_m),
-        embedded=dated(values.get("Date", ""), "ymd", values.get("Time", "")),
+        embedded=time.moment,
+        unread_time=time.unread,
         column=ColumnSettings(
             detector=text_from_file(values.get("Detector") or values.get("Detector0", "")),
             voltage_v=from_file(positive(values.get("HV"))),
@@ -89,4 +93,5 @@ def header(values: Mapping[str, str]) -> Header:
             mode=text_from_file(values.get("ScanMode", "")),
         ),
         refused=f"the microscope already corrected drift (AccType={averaging[:40]}); accumulate without it." if drift_corrected else None,
+        notes=unread_notes((key, values.get(key, "")) for key in _USED) + time.notes,
     )

@@ -24,8 +24,8 @@ from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, Sourced
 from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.metadata.header import Header, derived, from_file, switch, text_from_file
-from semlive.formats.metadata.quantity import Quantity, number, quantity
-from semlive.formats.metadata.timestamps import Moment, dated
+from semlive.formats.metadata.quantity import Quantity, number, quantity, unread_notes
+from semlive.formats.metadata.timestamps import Acquired, acquired
 from semlive.formats.vendors.tiff import Directory, Tag
 
 _MAX_TEXT_BYTES = 2**20
@@ -34,6 +34,8 @@ _KEY = re.compile(r"(?:AP|DP|SV)_[A-Z0-9_]{1,40}")
 _DISPLAY_PX = 1024
 _PIXEL_SIZE_AT = 3
 _SAME_PIXEL_SIZE = 1e-2
+_USED = ("AP_LINE_TIME", "AP_FRAME_TIME", "AP_PIXEL_SIZE", "AP_IMAGE_PIXEL_SIZE", "AP_LINE_AVERAGE_COUNT", "AP_FRAME_INT_COUNT")
+"""Numbers without which another value is used."""
 _MODES = {
     "DP_FIELD_MODE": "field mode",
     "DP_FISHEYE_MODE": "fish-eye",
@@ -74,12 +76,12 @@ class ZeissText:
         return None if value is None else value.value
 
 
-def read_header(data: bytes, directory: Directory, width: int, rows: int) -> Header | None:
+def read_header(data: bytes, directory: Directory, width: int, rows: int, mtime_ns: int = 0) -> Header | None:
     """Return the header of a Zeiss file; None for other files."""
     raw = directory.raw(data, Tag.ZEISS)
     if raw is None:
         return None
-    return header(parse(_decoded(raw[:_MAX_TEXT_BYTES])), width, rows)
+    return header(parse(_decoded(raw[:_MAX_TEXT_BYTES])), width, rows, mtime_ns)
 
 
 def parse(text: str) -> ZeissText:
@@ -94,7 +96,7 @@ def parse(text: str) -> ZeissText:
     return ZeissText(by_key, tuple(value for value in numbers if value is not None))
 
 
-def header(text: ZeissText, width: int, rows: int) -> Header:
+def header(text: ZeissText, width: int, rows: int, mtime_ns: int = 0) -> Header:
     """Return the metadata of a scan of `width` columns and `rows` rows from the text of a Zeiss file."""
     line = text.quantity("AP_LINE_TIME")
     passes, frames, refused, busy = _noise_reduction(text)
@@ -102,6 +104,7 @@ def header(text: ZeissText, width: int, rows: int) -> Header:
     dwell_s = None if row_s is None else row_s / (width * max(passes or 1.0, 1.0))
     scanned, notes = _scanned(text, rows, busy)
     pixel, pixel_notes = _pixel_size(text, width)
+    time = _acquired(text, mtime_ns)
     stored = re.fullmatch(r"(\d{1,6})\s*\*\s*(\d{1,6})", text.text("DP_IMAGE_STORE"))
     return Header(
         vendor="zeiss",
@@ -116,7 +119,8 @@ def header(text: ZeissText, width: int, rows: int) -> Header:
         integrations=from_file(frames),
         line_integrations=from_file(passes),
         pixel_size_m=pixel,
-        embedded=_embedded(text),
+        embedded=time.moment,
+        unread_time=time.unread,
         column=ColumnSettings(
             detector=text_from_file(text.text("DP_DETECTOR_CHANNEL") or text.text("DP_DETECTOR_TYPE")),
             voltage_v=from_file(text.value("AP_ACTUALKV") or text.value("AP_MANUALKV")),
@@ -126,7 +130,7 @@ def header(text: ZeissText, width: int, rows: int) -> Header:
         ),
         geometry=_geometry(text, width, rows, pixel),
         refused=refused,
-        notes=notes + pixel_notes,
+        notes=notes + pixel_notes + unread_notes((key, text.text(key)) for key in _USED) + time.notes,
     )
 
 
@@ -219,9 +223,9 @@ def _rotation(text: ZeissText) -> Sourced[float] | None:
     return from_file(None if rotation is None else rotation.value)
 
 
-def _embedded(text: ZeissText) -> Moment | None:
+def _acquired(text: ZeissText, mtime_ns: int) -> Acquired:
     """Parse ``Date: 11 Apr 2023`` and ``Time :8:20:42``; the place of the colon varies."""
     date, clock = (
         re.sub(rf"^\s*{name}\s*[:=]\s*", "", text.lines.get(key, "")) for name, key in (("Date", "AP_DATE"), ("Time", "AP_TIME"))
     )
-    return dated(date, "dmy", clock)
+    return acquired(date, clock, "dmy", mtime_ns)

@@ -7,23 +7,35 @@ import os
 import socket
 import time
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from semlive import process_lock
 from semlive.data.checks import Finding, Verdict
+from semlive.data.frame import ExportedFile
 from semlive.endpoints import tcp_names
+from semlive.errors import SemliveError
+from semlive.formats import check_finished
+from semlive.formats.images.inspection import inspect_file
+from semlive.inputs.files import read_regular
+from semlive.ports import ChecksFiles
 from semlive.process_lock import Holder
 from semlive.service.config.configuration import Config
 from semlive.service.config.sections import DriverSection
+from semlive.service.runtime.clock import SystemClock
 from semlive.service.watch.clock_offsets import probe_share
+from semlive.service.watch.sidecars import sidecar_of
+from semlive.service.watch.untaken_files import content_of, described
+from semlive.service.watch.watch_settings import WatchSettings
 
 GROUPS = ("load_frames", "stages", "triggers")
 NETWORK_FILE_SYSTEMS = {"cifs", "smb3", "smbfs", "nfs", "nfs4", "9p", "fuse.sshfs", "afpfs", "davfs", "fuse.gvfsd-fuse"}
 MODBUS_PORT = 502
 PAGE_PORT = 8765
 _CONNECT_TIMEOUT_S = 2.0
+_MAX_EXAMPLE_BYTES = 2**28
 SLOW_LISTING = 0.5
 """Largest part of `sem.poll_s` that listing the folder may take."""
 
@@ -34,16 +46,24 @@ def export_folder(config: Config) -> Iterator[Finding]:
     try:
         began = time.monotonic()
         with os.scandir(folder) as entries:
-            count = sum(1 for _ in entries)
+            for _ in entries:
+                pass
         duration_s = time.monotonic() - began
     except OSError as error:
         advice = "mount the share of the SEM, create the folder, or correct sem.folder"
         yield Finding("export folder", f"{folder}: {error.strerror}", Verdict.FAILED, advice)
         return
-    observation = f"{folder}: {count} files, listed in {1e3 * duration_s:.0f} ms"
+    settings = WatchSettings(folder)
+    content = content_of(settings)
+    taken = f"{content.images} image{'' if content.images == 1 else 's'} that a run would take"
+    observation = f"{folder}: {taken}, listed in {1e3 * duration_s:.0f} ms"
     slow = duration_s > SLOW_LISTING * poll_s
     advice = f"move old files away, or set sem.poll_s above {2 * duration_s:.1f}" if slow else ""
     yield Finding("export folder", observation, Verdict.UNKNOWN if slow else Verdict.OK, advice)
+    for found, why in described(content, settings):
+        yield Finding("not taken", found, Verdict.UNKNOWN, why)
+    if content.newest:
+        yield _newest_image(Path(content.newest), config)
     kind = file_system(folder)
     if kind in NETWORK_FILE_SYSTEMS:
         yield Finding("its arrivals", f"a network share ({kind}), which sends no events; checked every {poll_s:g} s", Verdict.OK)
@@ -51,6 +71,26 @@ def export_folder(config: Config) -> Iterator[Finding]:
         how = "checked at events and" if config.sem.file_events else "checked"
         yield Finding("its arrivals", f"a folder of this computer ({kind or 'unknown kind'}), {how} every {poll_s:g} s", Verdict.OK)
     yield _folder_clock(config)
+
+
+def _newest_image(path: Path, config: Config) -> Finding:
+    """Whether a run would take an image like the newest of the folder."""
+    try:
+        data, sidecar_path = read_regular(path, _MAX_EXAMPLE_BYTES), sidecar_of(path)
+        sidecar = None if sidecar_path is None else read_regular(sidecar_path, _MAX_EXAMPLE_BYTES)
+        mtime_ns = path.stat().st_mtime_ns
+    except OSError as error:
+        return Finding("newest image", f"{path.name}: cannot be read ({error.strerror})", Verdict.UNKNOWN, "check the permissions")
+    file = ExportedFile(0, path.name, data, "", mtime_ns, mtime_ns, sidecar)
+    inspection = inspect_file(file, config.sem.scan_profile, config.sem.vendor)
+    problems = list(inspection.problems)
+    if not problems and (unfinished := check_finished(file, config.sem.scan_profile, config.sem.vendor)) is not None:
+        problems.append(unfinished)
+    if problems:
+        observation = f"{path.name}: a run would refuse an image like it: {' '.join(problems)}"
+        return Finding("newest image", observation, Verdict.UNKNOWN, f"correct the export or sem, then: semlive inspect {path}")
+    notes = f"; {' '.join(inspection.notes)}" if inspection.notes else ""
+    return Finding("newest image", f"{path.name}: {inspection.vendor}, would be taken{notes}", Verdict.OK)
 
 
 def _folder_clock(config: Config) -> Finding:
@@ -111,12 +151,25 @@ def drivers(config: Config | None) -> Iterator[Finding]:
 
 def check_device_endpoints(config: Config) -> Iterator[Finding]:
     """Whether a server listens or a serial port exists at every address of the drivers; nothing is sent."""
-    for key, _, section in _sections(config):
+    for key, group, section in _sections(config):
         endpoints = list(endpoints_in(section.settings))
         for endpoint in endpoints:
             yield _tcp(key, *endpoint) if isinstance(endpoint, tuple) else _serial(key, endpoint)
-        if not endpoints:
+        files = list(check_device_files(group, section))
+        yield from files
+        if not endpoints and not files:
             yield Finding(key, f"driver {section.driver} has no address to check", Verdict.OK)
+
+
+def check_device_files(group: str, section: DriverSection) -> Iterator[Finding]:
+    """Whether the files that a driver reads in a run can be read now: their head, units, and newest line."""
+    for point in entry_points(group=f"semlive.{group}", name=section.driver):
+        try:
+            module = import_module(point.module)
+            if isinstance(module, ChecksFiles):
+                yield from module.check_files(section.settings, SystemClock())
+        except SemliveError as error:
+            yield Finding(group, str(error), Verdict.FAILED, "correct the settings of the driver")
 
 
 def endpoints_in(settings: Mapping[str, Any]) -> Iterator[tuple[str, int, int] | str]:

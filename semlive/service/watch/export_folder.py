@@ -24,6 +24,7 @@ from semlive.service.watch.file_locks import is_locked_error, open_elsewhere
 from semlive.service.watch.file_reader import FileReader, StillReading
 from semlive.service.watch.file_registry import FileRegistry
 from semlive.service.watch.folder_listing import FolderListing, Key, key_of, printable_name
+from semlive.service.watch.untaken_files import UntakenFiles
 from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 
 _MAX_SCAN_GAP = 3.0  # intervals between scans
@@ -43,7 +44,7 @@ class ExportFolder:
         on_file: callback with each complete file once, in order of modification time.
         on_refused: callback with each rejected file once.
         on_trouble: callback with one sentence when the folder disappears and when it is available again.
-        on_notice: callback with one sentence about an unusual observation: gaps in numbers, late text files.
+        on_notice: callback with one sentence about an unusual observation: gaps in numbers, late text files, files that are not taken.
         on_replaced: callback with one sentence when another folder replaces it; its files are accepted only after `accept`.
         is_open_elsewhere: whether another program still writes a file, where the system reports it.
         reader: reads the files.
@@ -68,7 +69,7 @@ class ExportFolder:
     _scanned_ns: int | None = None
 
     def __post_init__(self) -> None:
-        self._listing = FolderListing(self.settings, FileRegistry(), self._reject_irregular)
+        self._listing = FolderListing(self.settings, FileRegistry(), self._reject_irregular, UntakenFiles(self.settings, self.on_notice))
         self._candidates = Candidates(self.settings, self.clock, self._listing, self._reject)
         self._proofs = ByteProofs(self.settings.profile)
         self._accepted = AcceptedFiles(

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from semlive.service.watch.file_registry import PREEXISTING, FileRegistry, RegisteredFile
-from semlive.service.watch.sidecars import sidecar_names
+from semlive.service.watch.sidecars import in_other_case, sidecar_names, text_files
+from semlive.service.watch.untaken_files import UntakenFiles
 from semlive.service.watch.watch_settings import WatchSettings
 
 _MAX_IRREGULAR = 1000
@@ -40,11 +41,14 @@ class FolderListing:
         settings: watched folder.
         registry: processed files.
         on_irregular: callback with the name of each image file that is not a regular file, once.
+        untaken: other files, of which the first of each kind is reported.
     """
 
     settings: WatchSettings
     registry: FileRegistry
     on_irregular: Callable[[str], None]
+    untaken: UntakenFiles
+    _text_files: dict[str, str] | None = None
     _irregular: set[str] = field(default_factory=set)
     _identity: tuple[int, int] = (0, 0)
     _is_replaced: bool = False
@@ -56,7 +60,7 @@ class FolderListing:
             OSError: it cannot be read.
         """
         self._identity = _identity(self.settings.folder)
-        for name, key in self._images():
+        for name, key in self._images(self.untaken.record):
             if not self.settings.adopt:
                 self.registry.put(name, RegisteredFile(key[:3], PREEXISTING))
 
@@ -67,18 +71,26 @@ class FolderListing:
             OSError: the folder cannot be read.
         """
         listing = Listing({}, {})
-        for name, key in self._images():
+        self._text_files = None
+        for name, key in self._images(self.untaken.observe):
             is_unchanged = self.registry.is_unchanged(name, key[:3])
             if not is_unchanged:
                 (listing.new if is_unchanged is None else listing.changed)[name] = key
         return listing
 
     def sidecar(self, name: str) -> Sidecar | None:
-        """Return the text file of an image; None if it does not exist."""
+        """Return the text file of an image; None if it does not exist. Letter case is ignored if no name agrees exactly."""
         for sidecar in sidecar_names(name):
             if (key := _key_of_path(os.path.join(self.settings.folder, sidecar))) is not None:
                 return sidecar, key
-        return None
+        if self._text_files is None:  # once in a scan, because it lists the folder again
+            try:
+                self._text_files = text_files(self.settings.folder)
+            except OSError:
+                return None
+        other = in_other_case(name, self._text_files)
+        key = None if other is None else _key_of_path(os.path.join(self.settings.folder, other))
+        return None if other is None or key is None else (other, key)
 
     def accept(self) -> bool:
         """Continue with the folder that replaced the original one; False if no other folder did.
@@ -89,7 +101,7 @@ class FolderListing:
         if not self._is_replaced:
             return False
         self._identity = _identity(self.settings.folder)
-        for name, key in self._images():
+        for name, key in self._images(self.untaken.record):
             registered = self.registry.get(name)
             self.registry.put(name, RegisteredFile(key[:3], PREEXISTING) if registered is None else replace(registered, state=key[:3]))
         self._is_replaced = False
@@ -120,8 +132,12 @@ class FolderListing:
             report(len(images))
         return True
 
-    def _images(self) -> Iterator[tuple[str, Key]]:
-        """Yield the image files one by one, because a list of a month of files would need more memory than their registry."""
+    def _images(self, on_other: Callable[[os.DirEntry[str]], None] = lambda _entry: None) -> Iterator[tuple[str, Key]]:
+        """Yield the image files one by one, because a list of a month of files would need more memory than their registry.
+
+        Args:
+            on_other: callback with each other entry.
+        """
         with os.scandir(self.settings.folder) as entries:
             for entry in entries:
                 name = entry.name.lower()
@@ -129,6 +145,8 @@ class FolderListing:
                 # scandir's own state may be stale on shares and has no file id on Windows
                 if is_image and (key := _key_of_path(entry.path, lambda: self._skip_irregular(entry.name))) is not None:  # noqa: B023  # used at once
                     yield entry.name, key
+                if not is_image:
+                    on_other(entry)
 
     def _skip_irregular(self, name: str) -> None:
         if name not in self._irregular and len(self._irregular) < _MAX_IRREGULAR:

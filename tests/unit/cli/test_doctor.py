@@ -144,3 +144,58 @@ def test_a_test_frame_is_judged_without_a_configuration(tmp_path: Path, contrast
 def test_a_test_frame_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["doctor", "--test-frame", str(tmp_path / "none.tif")])
     assert "cannot be read" in str(done.exception)
+
+
+def with_load_file(folder: Path, text: str) -> Path:
+    load_file = {"file": str(folder / "load.csv"), "force": {"column": "Force"}, "extension": {"column": "Ext"}}
+    settings = {"program": "MICROTEST", "arrived_n": 3, "load_file": load_file}
+    path = config(folder, load_frame={"driver": "operator", "settings": settings})
+    (folder / "load.csv").write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "verdict", "observation"),
+    [
+        ("Time;Force (kN);Ext (mm)\n0,1;0,1342;0,5\n", "good", "the newest line is force 134.2 N, extension 0.5 mm"),
+        ("Time,Force,Ext\n1,WRONG,2\n", "bad", "holds 'WRONG' in column Force, which is no reading"),
+        ("Time,Force,Ext\n12,4,134,2,0,5\n", "bad", "the numbers seem to have decimal commas"),
+        ("Time,Force,Ext\n", "open", "no line of numbers yet"),
+    ],
+)
+def test_the_load_file_is_read_as_in_a_run(tmp_path: Path, text: str, verdict: str, observation: str) -> None:
+    findings, done = told(with_load_file(tmp_path, text))
+    assert findings["load_file"]["verdict"] == verdict
+    assert observation in findings["load_file"]["said"]
+    assert (done.exit_code == 0) is (verdict != "bad")
+
+
+def test_a_part_that_is_a_file_is_read_as_in_a_run(tmp_path: Path) -> None:
+    cell = {"protocol": "csv", "file": str(tmp_path / "load.csv"), "force": {"column": "Force"}}
+    findings, _ = told(config(tmp_path, load_frame={"driver": "assembled", "settings": {"cell": cell}}))
+    assert findings["cell"]["verdict"] == "bad"
+    assert "there is no such file" in findings["cell"]["said"]
+
+
+def test_files_that_a_run_does_not_take_are_named(tmp_path: Path) -> None:
+    path = config(tmp_path)
+    export = tmp_path / "export"
+    (export / "2026-11-26").mkdir()
+    for name in ("a_001.jpg", "a_003.jpg", "a_002.bmp", "2026-11-26/s_001.tif", "a.txt"):
+        (export / name).write_bytes(b"x" * 1000)
+    done = CliRunner().invoke(app, ["doctor", str(path), "--json"])
+    findings = json.loads(done.stdout)["findings"]
+    [folder] = [one for one in findings if one["what"] == "export folder"]
+    assert "0 images that a run would take" in folder["said"]
+    untaken = [one["said"] for one in findings if one["what"] == "not taken"]
+    assert untaken == ["1 .bmp (a_002.bmp)", "2 .jpg (a_001.jpg)", "1 folder with images (2026-11-26/s_001.tif)"]
+    assert done.exit_code == 0
+
+
+@pytest.mark.parametrize(("profile", "verdict"), [({}, "open"), ({"dwell_time_s": 1e-6, "row_time_s": 1e-3, "pixel_size_m": 1e-6}, "good")])
+def test_the_newest_image_is_inspected_as_in_a_run(tmp_path: Path, profile: dict[str, float], verdict: str) -> None:
+    path = config(tmp_path, sem={"folder": "export", "pixel_size_um": 1.0, "profile": profile})
+    tifffile.imwrite(tmp_path / "export" / "a.tif", np.random.default_rng(1).integers(0, 255, (88, 102), dtype=np.uint8))
+    findings, _ = told(path)
+    assert findings["newest image"]["verdict"] == verdict
+    assert ("does not contain its dwell time" in findings["newest image"]["said"]) is (verdict == "open")

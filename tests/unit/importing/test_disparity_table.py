@@ -103,10 +103,14 @@ WRONG = {
     "missing column": ("\n".join(good()).replace("x,y,u,v", "x,y,u,w"), "line 1: column v is missing"),
     "one sigma": ("\n".join(["x,y,u,v,sigma_u", *(line + ",0.1" for line in good()[1:])]), "line 1: column sigma_v is missing"),
     "unit": ("\n".join(good()).replace("x,y,u,v", "x,y,u [mm],v"), "line 1, column u: is in 'mm'; export it in pixels"),
-    "nan": (changed(5, 2, "NaN"), "line 5, column u: is nan"),
+    "nan where found": ("\n".join(DIALECTS["semlive"].decode().splitlines()).replace(f"{U[3]},", "NaN,"), "line 5, column u: is nan"),
+    "position lost": (changed(5, 0, "NaN"), "line 5, column x: is nan"),
     "infinite": (changed(5, 3, "inf"), "line 5, column v: is inf"),
     "word": (changed(6, 3, "lost"), "line 6, column v: 'lost' is not a number"),
-    "empty cell": (changed(6, 3, ""), "line 6, column v: is empty"),
+    "empty position": (changed(6, 1, ""), "line 6, column y: is empty"),
+    "unit mm": ("\n".join(good()).replace("x,y,u,v", "x,y,Displacement x [mm],Displacement y [mm]"), "is in 'mm'; export it in pixels"),
+    "u twice": ("\n".join(good()).replace("x,y,u,v", "x,u_x,x_displacement,y"), "column u may be 'u_x' or 'x_displacement'"),
+    "DaVis, mm": ('#DaVis 8.4.0 2D-vector 4 9 9 "" "mm" "" "mm" "displacement" "px"\n' + "1 2 3 4\n" * 9, "states the unit 'mm'"),
     "line too short": (changed(6, 3, "1").replace(good()[8], "20,30"), "line 9: has 2 cells under 4 names, separated by commas"),
     "half a pixel": (changed(4, 0, "40.5"), "line 4, column x: 40.5 is not an integer"),
     "millimetres": ("\n".join(["x,y,u,v", *IN_MM]), "is not an integer"),
@@ -118,7 +122,7 @@ WRONG = {
     "outside the frame": (changed(2, 0, "-20"), "line 2, column x: -20 px is outside the frame of 200 x 200 px"),
     "longer than the frame": (changed(2, 2, "4000"), "line 2, column u: 4000 px is longer than the frame"),
     "one row": ("\n".join(good()[:6]), "the map has 1 different y"),
-    "not text": ("x,y,u,v\n\xff\xfe", "is not plain text"),
+    "not text": ("x,y,u,v\n\x01\x02", "is not plain text"),
 }  # fmt: skip
 
 
@@ -155,3 +159,65 @@ def test_noise_that_an_engine_does_not_tell_is_read_from_the_map(shared: bool) -
         noise = sum(noise[i : i + 120, j : j + 150] for i in range(8) for j in range(8)) / 8
     found = scatter_px(smooth + 0.025 * noise[:120, :150], np.ones((120, 150), dtype=bool))
     assert found == pytest.approx(0.025, rel=0.1)
+
+
+LOST_MARKS = ("", "nan", "NaN", "-nan(ind)", "1.#QNAN", "-1.#IND", "#N/A", "#NV", "--", "n/a", "null", "nan(snan)")
+PLACES = "{x:.0f},{y:.0f},{u},{v}"
+NAMES = {
+    "MatchID": "Coordinates.Image X [Pixel],Coordinates.Image Y [Pixel],"
+    "disp.Horizontal Displacement U [Pixel],disp.Vertical Displacement V [Pixel]",
+    "muDIC": "coord_x,coord_y,ux,uy",
+    "DaVis": "x [px],y [px],Displacement x [px],Displacement y [px]",
+    "GOM": "x (pixel),y (pixel),displacement_x (pixel),displacement_y (pixel)",
+    "Ncorr": "x,y,u_ref,v_ref",
+    "capitals": "X,Y,U,V",
+    "units behind underscores": "x_px,y_px,u_px,v_px",
+    "words": "X position,Y position,U displacement,V displacement",
+}
+
+
+@pytest.mark.parametrize(("name", "mark"), [*((name, "") for name in NAMES), *(("MatchID", mark) for mark in LOST_MARKS[1:])])
+def test_usual_names_and_marks_of_lost_points_are_read(name: str, mark: str) -> None:
+    lines = text(NAMES[name], PLACES).decode().splitlines()
+    lines[LOST + 1] = f"{X[LOST]},{Y[LOST]},{mark},{mark}"
+    found = laid("\n".join(lines).encode())
+    expected = np.arange(X.size).reshape(GRID.shape) != LOST
+    np.testing.assert_array_equal(found.valid, expected)
+    np.testing.assert_array_equal(found.u_px, np.where(expected, U.reshape(GRID.shape), 0.0))
+    np.testing.assert_array_equal(found.v_px, np.where(expected, V.reshape(GRID.shape), 0.0))
+
+
+def test_lines_without_any_value_are_left_out() -> None:
+    lines = text("x,y,u,v", PLACES, skip=True).decode().splitlines()
+    extended = "\n".join([*lines[:4], ",,,", *lines[4:6], "nan,nan,nan,nan", *lines[6:]])
+    assert read_disparity_table(extended.encode(), "a").x_px.tolist() == read_disparity_table("\n".join(lines).encode(), "a").x_px.tolist()
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "cp932", "utf-16", "utf-16-le", "utf-8-sig"])
+def test_remarks_in_another_code_page_do_not_matter(encoding: str) -> None:
+    lines = text("x;y;u;v;Größe".replace("öß", "μ") if encoding == "cp932" else "x;y;u;v;Größe", "{x:.0f};{y:.0f};{u};{v};1").decode()
+    assert read_disparity_table(lines.encode(encoding), "a").u_px[0] == U[0]
+
+
+def test_a_vector_file_of_davis_is_read() -> None:
+    body = text("", "{x:.0f}\t{y:.0f}\t{u}\t{v}", skip=True).decode().replace(".", ",")
+    data = ('#DaVis 8.4.0 2D-vector 10 4 5 "" "px" "" "px" "displacement" "px"' + body).encode()
+    assert read_disparity_table(data, "a").u_px[0] == U[0]
+
+
+def test_old_line_ends_are_read() -> None:
+    assert read_disparity_table(DIALECTS["semlive"].replace(b"\n", b"\r"), "a").u_px[0] == U[0]
+
+
+def test_other_programs_may_leave_lost_points_out() -> None:
+    names = NAMES["muDIC"]
+    found = laid(text(names, PLACES, skip=True))
+    assert int(found.valid.sum()) == X.size - 1
+    with pytest.raises(BadInput, match="points of the grid are missing"):
+        laid(text("x,y,u,v", PLACES, skip=True))
+
+
+def test_a_blank_line_below_the_names_does_not_shift_the_lines() -> None:
+    lines = text("x,y,u,v", PLACES, skip=True).decode().splitlines()
+    table = read_disparity_table("\n".join([lines[0], "", *lines[1:]]).encode(), "a")
+    assert str(table.error(0, 0, "is wrong", "correct it")).startswith("a: line 3, ")

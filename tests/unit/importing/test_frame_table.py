@@ -43,8 +43,16 @@ def test_further_columns_do_no_harm_and_a_strain_gage_is_read() -> None:
     assert rows[3].gage_strain == 1e-3
 
 
+def test_names_with_units_and_marks_of_lost_values_are_read() -> None:
+    header = HEADER.replace("start_s", "Start [s]").replace("load_n", "load (N)").replace("row_time_s", "row-time-s")
+    rows = read([line.replace(",1,,", ",1,NaN,").replace("250.5,,", "250.5,#N/A,#N/A") for line in GOOD], header)
+    assert [(row.start_s, row.load_n, row.shift_px) for row in rows] == [(row.start_s, row.load_n, row.shift_px) for row in read(GOOD)]
+
+
 WRONG = {
     "missing column": (HEADER.replace(",row_time_s", ""), GOOD, "line 1: column row_time_s is missing"),
+    "unit": (HEADER.replace("dwell_s", "dwell (us)"), GOOD, "line 1: column dwell (us) is in us; give dwell_s in s"),
+    "kilonewtons": (HEADER.replace("load_n", "Load_kN"), GOOD, "line 1: column Load_kN is in kN; give load_n in N"),
     "column twice": (HEADER + ",frame", GOOD, "line 1: column frame occurs twice"),
     "no lines": (HEADER, [], "line 2: holds no frame"),
     "unknown phase": (

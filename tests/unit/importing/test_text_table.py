@@ -143,3 +143,11 @@ def test_a_description_above_the_names_is_passed_over() -> None:
     layout, rows = read(text, "Force", searched=200)
     assert (layout.head_line, layout.first_line, layout.columns[1].unit) == (4, 6, "kN")
     assert rows == [[134.2]]
+
+
+def test_text_between_names_and_numbers_leaves_a_comma_ambiguous() -> None:
+    """A single column with decimal commas was read as two columns: `Kraft, s` was taken for units."""
+    text = "Rate: 0,5 mm/min\nKraft, s\n9643,179\n15343,259\n"
+    with pytest.raises(AmbiguousTable, match="line 2: may hold units or names"):
+        read(text, 1, searched=200)
+    assert read(text.replace("Kraft, s", "Kraft"), "Kraft", given=Convention(decimal=","), searched=200)[1] == [[9643.179], [15343.259]]

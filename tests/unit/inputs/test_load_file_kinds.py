@@ -1,0 +1,137 @@
+"""Load files as testing programs of many vendors and countries write them: 134.2 N and 0.5 mm, or refused with the true reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from semlive.data.checks import Verdict
+from semlive.errors import LinkError
+from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
+from semlive_drivers.load_file_check import check_load_file
+
+
+class Clock:
+    """A clock that stands still."""
+
+    def now_ns(self) -> int:
+        return 0
+
+    def mono_ns(self) -> int:
+        return 0
+
+
+def utf8(text: str) -> bytes:
+    return text.encode()
+
+
+ROWS = "0,1;134,2;0,5\n0,2;134,2;0,5\n"
+READ: dict[str, tuple[bytes, str, str]] = {
+    "Instron, German": (f"Zeit;Kraft;Verlängerung\n(s);(N);(mm)\n{ROWS}".encode("cp1252"), "Kraft", "Verlängerung"),
+    "Instron, quoted": (
+        b'"Results Table 1"\n"Time","Extension","Load"\n"(s)","(mm)","(kN)"\n"0.100","0.5000","0.1342"\n', "Load", "Extension"
+    ),
+    "Zwick, quoted names and units": (
+        '"Prüfzeit"\t"Standardweg"\t"Standardkraft"\n"s"\t"mm"\t"kN"\n0,1\t0,5\t0,1342\n'.encode("cp1252"), "Standardkraft", "Standardweg"
+    ),
+    "MTS": (b"Time,Axial Displacement,Axial Force\nsec,mm,kN\n0.1,0.5,0.1342\n", "Axial Force", "Axial Displacement"),
+    "MTS, preamble": (
+        b"MTS793|MPT|ENU|1|2|.|/|:|1|0|0|A\n\nData Acquisition\nTime\tAxial Displacement\tAxial Force\nSec\tmm\tN\n0.1\t0.5\t134.2\n",
+        "Axial Force", "Axial Displacement",
+    ),
+    "Shimadzu": (b'"Name","Time","Force","Stroke"\n"","sec","N","mm"\n"1 _ 1","0.1","134.2","0.5"\n', "Force", "Stroke"),
+    "LabVIEW measurement": (
+        b"Separator\tTab\n***End_of_Header***\t\n\t\t\t\nX_Value\tForce\tExt\tComment\n0.1\t134.2\t0.5\t\n", "Force", "Ext"
+    ),
+    "LabVIEW, decimal comma, three digits": (b"Time\tForce\tExt\r\n0,100\t134,200\t0,500\r\n", "Force", "Ext"),
+    "Deben": (b"Microtest Data File\nDate,26/11/2026\nTime (s),Force (N),Ext (mm)\n1,134.2,0.5\n", "Force", "Ext"),
+    "Kammrath & Weiss, unit behind a slash": (b"# Kammrath & Weiss\n# t/s\tF/kN\ts/mm\n0.1\t0.1342\t0.5\n", "F", "s"),
+    "unit behind a slash with blanks": (utf8(f"Zeit / s;Kraft / N;Weg / mm\n{ROWS}"), "Kraft", "Weg"),
+    "unit behind 'in'": (b"Zeit in s;Kraft in kN;Weg in mm\n0,1;0,1342;0,5\n", "Kraft", "Weg"),
+    "unit behind an underscore": (b"time_s,force_kN,ext_um\n0.1,0.1342,500\n", "force_kN", "ext_um"),
+    "unit behind a blank": (b"Time s,Force kN,Ext mm\n0.1,0.1342,0.5\n", "Force kN", "Ext mm"),
+    "unit behind a colon": (b"Time: s,Force: kN,Ext: mm\n0.1,0.1342,0.5\n", "Force", "Ext"),
+    "unit in braces": (b"Time {s},Force {kN},Ext {mm}\n0.1,0.1342,0.5\n", "Force", "Ext"),
+    "unit in angle brackets": (b"Time <s>;Force <kN>;Ext <mm>\n0,1;0,1342;0,5\n", "Force", "Ext"),
+    "brackets of full width": (utf8("时间（s）,力（kN）,位移（mm）\n0.1,0.1342,0.5\n"), "力", "位移"),
+    "micrometres of the western code page": (f"Time;Force;Ext [µm]\n{ROWS.replace('0,5', '500')}".encode("cp1252"), "Force", "Ext"),
+    "micrometres of the Japanese code page": (f"Time;Force;Ext [μm]\n{ROWS.replace('0,5', '500')}".encode("cp932"), "Force", "Ext"),
+    "decanewtons": (b"Time;Force [daN];Ext\n0,1;13,42;0,5\n", "Force", "Ext"),
+    "capital units": (utf8(f"Time [SEC];Force [NEWTON];Ext [MM]\n{ROWS}"), "Force", "Ext"),
+    "UTF-16 without a mark": ("Time\tForce\tExt\n0,1\t134,2\t0,5\n".encode("utf-16-le"), "Force", "Ext"),
+    "UTF-16 with a sep line": ("\ufeffsep=\t\r\nTime\tForce\tExt\r\n0,1\t134,2\t0,5\r\n".encode("utf-16-le"), "Force", "Ext"),
+    "typographic minus": (utf8("Time;Force;Ext\n−0,1;134,2;0,5\n"), "Force", "Ext"),
+    "exponents of Fortran": (b"Time Force Ext\n0.1 1.342D+02 5.0D-01\n", "Force", "Ext"),
+    "date and time in one cell": (b"Date Time;Force;Ext\n26.11.2026 12:00:00,1;134,2;0,5\n", "Force", "Ext"),
+    "separator at the end of each line": (b"Time;Force;Ext;\n0,1;134,2;0,5;\n", "Force", "Ext"),
+    "columns of fixed width": (b"   Time,   Force,     Ext\n  0.100, 134.200,   0.500\n", "Force", "Ext"),
+    "line ends doubled": (b"Time,Force,Ext\r\r\n0.1,134.2,0.5\r\r\n", "Force", "Ext"),
+    "half a line at the end": (b"Time,Force,Ext\n0.1,134.2,0.5\n0.2,9", "Force", "Ext"),
+}  # fmt: skip
+REFUSED: dict[str, tuple[bytes, str]] = {
+    "commas": (b"Time,Force,Ext\n12,4,134,2,0,5\n", "has 6 cells under 3 names: the numbers seem to have decimal commas"),
+    "unknown unit in brackets": (b"Time;Force [tonf];Ext\n0,1;13,42;0,5\n", "is in 'tonf', which is not known; state its unit"),
+    "unit unknown": (b"Time;Force;Ext\nSekunden;Kilopond;mm\n0,1;13,42;0,5\n", "is in 'Kilopond', which is not known; state its unit"),
+    "volts": (b"Time (s),Force (V),Ext (mm)\n0.1,3.2,0.5\n", "is in 'V', which is not known"),
+    "millinewtons or meganewtons": (b"Time;Force [MN];Ext\n0,1;0,13;0,5\n", "is in 'MN', which is not known"),
+    "per cent as extension": (b"Time;Force;Ext [%]\n0,1;134,2;0,5\n", "is in %, which is no unit of extension"),
+    "thousands of the USA": (b'Time,Force,Ext\n0.1,"1,134.20",0.5\n', "switch the separator of thousands off"),
+    "thousands of France": (utf8("Temps;Force;Ext\n0,1;1\u202f134,2;0,5\n"), "switch the separator of thousands off"),
+    "thousands of Switzerland": (utf8("Zeit;Force;Ext\n0.1;1’134.2;0.5\n"), "switch the separator of thousands off"),
+    "thousands of India": (b'Time,Force,Ext\n0.1,"1,13,134.2",0.5\n', "switch the separator of thousands off"),
+    "three digits with two meanings": (b"Force;Ext\n134,200;1,500\n", "'134,200' may mean 134.200 or 134200"),
+    "a lost value": (b"Time,Force,Ext\n0.1,-nan(ind),0.5\n", "holds '-nan(ind)' in column Force, which is no reading but a lost value"),
+    "an overload": (b"Time,Force,Ext\n0.1,OVL,0.5\n", "holds 'OVL' in column Force, which is no reading"),
+    "units in the cells": (b"Time,Force,Ext\n0.1 s,134.2 N,0.5 mm\n", "may mean '134.2 N' and '0.5 mm'"),
+    "two columns of one name": (b"Time,Force,Force,Ext\n0.1,134.2,1.2,0.5\n", "column 'Force' exists 2 times"),
+    "a name over two lines": (b'Time,"Force\nN",Ext\n0.1,134.2,0.5\n', "line 1: its quotes are broken"),
+    "digits with underscores": (b"Time,Force,Ext\n0.1,1_342,0.5\n", "holds '1_342' in column Force, which is no reading"),
+    "hexadecimal": (b"Time,Force,Ext\n0.1,0x86,0.5\n", "holds '0x86' in column Force, which is no reading"),
+    "minus behind the number": (b"Time;Force;Ext\n0,1;134,2-;0,5\n", "holds '134,2-' in column Force, which is no reading"),
+    "a cell missing": (b"Time,Force,Ext\n0.1,134.2\n", "has 2 cells under 3 names"),
+}  # fmt: skip
+
+
+def opened(path: Path, data: bytes, force: str = "Force", extension: str = "Ext") -> CsvLoadFile:
+    path.write_bytes(data)
+    return CsvLoadFile(CsvSettings.model_validate({"file": path, "force": {"column": force}, "extension": {"column": extension}}), Clock())
+
+
+@pytest.mark.parametrize("name", READ)
+def test_load_and_extension_are_read(name: str, tmp_path: Path) -> None:
+    reading = opened(tmp_path / "load.csv", *READ[name]).read()
+    assert (reading.force_n, reading.extension_mm) == (pytest.approx(134.2, rel=1e-12), pytest.approx(0.5, rel=1e-12))
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_the_true_reason_is_reported(name: str, tmp_path: Path) -> None:
+    data, reason = REFUSED[name]
+    with pytest.raises(LinkError) as refused:
+        opened(tmp_path / "load.csv", data).read()
+    assert reason in str(refused.value)
+
+
+@pytest.mark.parametrize("name", [*READ, *REFUSED])
+def test_the_check_before_a_run_predicts_what_the_run_does(name: str, tmp_path: Path) -> None:
+    data, force, extension = READ[name] if name in READ else (REFUSED[name][0], "Force", "Ext")
+    path = tmp_path / "load.csv"
+    path.write_bytes(data)
+    settings = CsvSettings.model_validate({"file": path, "force": {"column": force}, "extension": {"column": extension}})
+    finding = check_load_file("load_file", settings, Clock())
+    assert finding.verdict is (Verdict.OK if name in READ else Verdict.FAILED)
+    assert ("force 134.2 N, extension 0.5 mm" if name in READ else REFUSED[name][1]) in finding.observation
+
+
+def test_a_file_without_numbers_is_open_before_a_run(tmp_path: Path) -> None:
+    (tmp_path / "load.csv").write_text("Time,Force\n", encoding="utf-8")
+    finding = check_load_file("cell", CsvSettings.model_validate({"file": tmp_path / "load.csv", "force": {"column": "Force"}}), Clock())
+    assert finding.verdict is Verdict.UNKNOWN
+    assert "no line of numbers yet" in finding.observation
+
+
+@pytest.mark.parametrize("shift", range(4))
+def test_a_long_file_with_a_typographic_minus_is_read_at_its_end(tmp_path: Path, shift: int) -> None:
+    rows = "−1,5;0,5;−−−−−\n" * 6000
+    reading = opened(tmp_path / "load.csv", ("Force;Ext;Note" + "x" * shift + "\n" + rows).encode()).read()
+    assert (reading.force_n, reading.extension_mm) == (-1.5, 0.5)
