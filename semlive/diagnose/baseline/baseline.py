@@ -84,7 +84,7 @@ class HyperparameterGrid:
         """Log marginal likelihood in px instead of noise units, comparable between solutions of the same maps."""
         whiten, f = self.design.whiten, self.design.observation.frames
         volume = len(whiten.factor) * np.log(whiten.sigma_px) + np.sum(np.log(np.diag(whiten.factor)))
-        return float(self.evidence - 2.0 * (f - 1) * volume)
+        return float(self.evidence - 2.0 * (f - 1) * volume - whiten.half_log_det)
 
     def residual(self) -> Array:
         """(f, b, 2) whitened residual of the most likely baseline."""

@@ -1,0 +1,165 @@
+"""Correlation of a DIC program's noise over neighbouring points, estimated from its maps.
+
+A displacement is a weighted mean over a subset, so the noise of neighbouring points is correlated: over the edge of a square subset, over
+a round or Gaussian window, or farther in maps that were smoothed afterwards. An estimate that believes such points independent finds
+effects in noise. Maps within pairs contain drift, which is smooth, and noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from semlive.data.disparity import DisparityMap
+
+Array = NDArray[np.float64]
+ORDER = 4  # total order of the polynomial that drift within a pair follows
+MAX_LAGS, FIELD_FRACTION = 24, 0.35  # lags of the variogram, and their largest distance relative to the field
+MIN_POINTS = 40  # valid points of a map, and pairs of points at a lag
+CLIP = 6.0  # robust standard deviations; points beyond are outliers
+SHAPES = (0.0, 0.2, 0.45, 1.0)  # Gaussian share of the window: standard deviation relative to edge + standard deviation
+LENGTHS = 48
+MIN_CORRELATION = 0.1  # between neighbouring points: below it they are independent
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseCorrelation:
+    """Correlation of the noise over the points of a map.
+
+    Attributes:
+        edge_px: edge of the square with the area of correlation, px: points in it are worth one; 0 for independent points.
+        gaussian: share of a Gaussian in the window, from 0 (square) to 1 (Gaussian).
+        own_fraction: fraction of the variance that each point has for itself.
+        sigma_px: standard deviations of u and v, px.
+        maps: number of maps in the estimate.
+    """
+
+    edge_px: float
+    gaussian: float
+    own_fraction: float
+    sigma_px: tuple[float, float]
+    maps: int
+
+    @property
+    def subset_px(self) -> int:
+        """Nearest odd edge, px; 0 for independent points."""
+        return 2 * round((self.edge_px - 1.0) / 2.0) + 1 if self.edge_px else 0
+
+
+def window_correlation(distance_px: Array, edge_px: float, gaussian: float) -> Array:
+    """(...) correlation along one axis of noise seen through a window.
+
+    The window is a square convolved with a Gaussian. Its correlation is a triangle convolved with a Gaussian, scaled to a
+    correlation area of ``edge_px``.
+    """
+    if gaussian >= 1.0:
+        return np.asarray(np.exp(-np.pi * (distance_px / edge_px) ** 2))
+    width, sd = 1.0 - gaussian, math.sqrt(2.0) * gaussian
+    scale = float(_triangle(np.zeros(1), width, sd)[0])
+    # A triangle of height 1 and half width w has the area w, which the Gaussian does not change.
+    return np.asarray(_triangle(np.abs(distance_px) * (width / scale) / edge_px, width, sd) / scale)
+
+
+def _triangle(distance: Array, width: float, sd: float) -> Array:
+    """Triangle of unit height and the given half width, convolved with a Gaussian."""
+    if sd == 0.0:
+        return np.clip(1.0 - distance / width, 0.0, None)
+    ramp = [_ramp(distance + offset, sd) for offset in (-width, 0.0, width)]
+    return np.asarray((ramp[0] - 2.0 * ramp[1] + ramp[2]) / width)
+
+
+def _ramp(x: Array, sd: float) -> Array:
+    """Integral of the normal distribution function, the ramp max(x, 0) convolved with a Gaussian."""
+    return np.asarray(0.5 * x * (1.0 + erf(x / (sd * math.sqrt(2.0)))) + sd * np.exp(-0.5 * (x / sd) ** 2) / math.sqrt(2.0 * np.pi))
+
+
+def correlation_of(maps: Sequence[DisparityMap]) -> NoiseCorrelation | None:
+    """Estimate the correlation from maps within pairs; None if no map has enough points.
+
+    The variogram of each map, half the mean square difference of points at a distance, is compared with those of windows. Differences
+    cancel what is smooth, and lost points leave the others as they are.
+    """
+    variograms, sigmas = [], []
+    for dmap in maps:
+        for field in (dmap.u_px, dmap.v_px):
+            rough = _rough(field, dmap.valid)
+            if rough is not None:
+                level = float(np.nanvar(rough))
+                variograms.append(_variogram(rough) / (level or 1.0))
+                sigmas.append(math.sqrt(level))
+    if not variograms:
+        return None
+    grid = maps[0].grid
+    pooled = np.nanmedian(variograms, axis=0)
+    edge, gaussian, own, sill = _fit(pooled, _lags(grid.nx), _lags(grid.ny), float(grid.step_px))
+    sigma = math.sqrt(sill) * np.median(np.array(sigmas).reshape(-1, 2), axis=0)
+    return NoiseCorrelation(edge, gaussian, own, (float(sigma[0]), float(sigma[1])), len(variograms) // 2)
+
+
+def _rough(field: Array, valid: NDArray[np.bool_]) -> Array | None:
+    """(ny, nx) the field minus a polynomial; NaN for lost points and outliers. None with too few points."""
+    good = valid & np.isfinite(field)
+    if good.sum() < MIN_POINTS:
+        return None
+    y, x = (np.linspace(-1.0, 1.0, count) for count in field.shape)
+    order = np.arange(ORDER + 1)
+    columns = np.polynomial.legendre.legvander2d(*np.meshgrid(x, y), (ORDER, ORDER))[..., np.add.outer(order, order).ravel() <= ORDER]
+    residual = field
+    for _ in range(2):
+        residual = field - columns @ np.linalg.lstsq(columns[good], field[good], rcond=None)[0]
+        spread = 1.4826 * float(np.median(np.abs(residual[good])))
+        good &= np.abs(residual) <= CLIP * spread
+        if good.sum() < MIN_POINTS:
+            return None
+    return np.where(good, residual, np.nan)
+
+
+def _lags(count: int) -> NDArray[np.int64]:
+    return np.arange(1, max(2, min(MAX_LAGS, int(FIELD_FRACTION * count)) + 1))
+
+
+def _variogram(rough: Array) -> Array:
+    """(lags along x + lags along y,) half the mean square difference; NaN with too few pairs of points."""
+    values = []
+    for field in (rough, rough.T):
+        for lag in _lags(field.shape[1]):
+            squares = (field[:, lag:] - field[:, :-lag]) ** 2
+            found = np.isfinite(squares)
+            values.append(0.5 * float(squares[found].mean()) if found.sum() >= MIN_POINTS else np.nan)
+    return np.array(values)
+
+
+def _fit(variogram: Array, lags_x: NDArray[np.int64], lags_y: NDArray[np.int64], step_px: float) -> tuple[float, float, float, float]:
+    """Edge in px, Gaussian share, fraction of the variance without correlation, and sill that fit a variogram best."""
+    distance_px = step_px * np.concatenate((lags_x, lags_y))
+    known = np.isfinite(variogram)
+    if known.sum() < 3:
+        return 0.0, 0.0, 1.0, 1.0
+    weight, best = 1.0 / np.sqrt(distance_px[known]), (np.inf, 0.0, 0.0, 1.0, 1.0)
+    level = float(np.sum(variogram[known] * weight**2) / np.sum(weight**2))
+    independent = float(np.sum(((variogram[known] - level) * weight) ** 2))
+    longest = max(float(distance_px.max()), 2.0 * step_px)
+    for gaussian in SHAPES:
+        for edge_px in np.geomspace(step_px, longest, LENGTHS):
+            shared = 1.0 - window_correlation(distance_px[known], float(edge_px), gaussian)
+            columns = np.stack((np.ones(len(shared)), shared), axis=1) * weight[:, None]
+            own, common = np.linalg.lstsq(columns, variogram[known] * weight, rcond=None)[0]
+            if own < 0.0:
+                own, common = 0.0, float(columns[:, 1] @ (variogram[known] * weight) / (columns[:, 1] @ columns[:, 1]))
+            if common <= 0.0:
+                continue
+            misfit = float(np.sum((columns @ (own, common) - variogram[known] * weight) ** 2))
+            if misfit < best[0]:
+                best = (misfit, float(edge_px), gaussian, float(own / (own + common)), float(own + common))
+    misfit, edge_px, gaussian, own, sill = best
+    near = (1.0 - own) * float(window_correlation(np.array([step_px]), edge_px, gaussian)[0]) if edge_px else 0.0
+    if misfit >= independent or near < MIN_CORRELATION:
+        return 0.0, 0.0, 1.0, level
+    # With few lags within the window, its edge and the points' own noise compensate each other; the area of correlation is determined.
+    area_px2 = own * step_px**2 + (1.0 - own) * edge_px**2
+    return math.sqrt(area_px2), gaussian, own, sill
