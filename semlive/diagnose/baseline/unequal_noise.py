@@ -40,7 +40,7 @@ def unequal_noise(baseline: HyperparameterGrid) -> UnequalNoise | None:
     whiten, rough = baseline.design.whiten, rough_modes(baseline.design.observation)
     residual = baseline.residual()
     over_field = _over_field(baseline, whiten, residual)
-    to_rough = solve_triangular(rough_cholesky(whiten, rough), rough.T @ whiten.factor, lower=True, check_finite=False)
+    to_rough = solve_triangular(rough_cholesky(whiten.factor, rough), rough.T @ whiten.factor, lower=True, check_finite=False)
     white = np.einsum("kb,fbc->fkc", to_rough, residual)
     limit = CLIP * 1.4826 * float(np.median(np.abs(white)))
     white = np.clip(white, -limit, limit)

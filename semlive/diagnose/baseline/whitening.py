@@ -101,11 +101,16 @@ def make_whitener(grid: Grid, used: NDArray[np.int64], length_px: float, sigma_p
         sigma_px: standard deviation of the block mean of one frame, px.
         gaussian: share of a Gaussian in the window of the subsets, 0 to 1; see `window_correlation`.
     """
-    correlation = block_correlation(grid, length_px, gaussian)[np.ix_(used, used)]
-    root = np.sqrt(np.diag(correlation))
-    factor = np.asarray(np.linalg.cholesky(correlation / np.outer(root, root)), dtype=np.float64)
+    factor = _factor(grid, used, (length_px, gaussian))
     inverse = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
     return Whitener(factor, np.asarray(inverse), sigma_px)
+
+
+def _factor(grid: Grid, used: NDArray[np.int64], window: tuple[float, float]) -> NDArray[np.float64]:
+    """(b, b) lower Cholesky factor of the correlation of block means for a window of given length and shape."""
+    correlation = block_correlation(grid, *window)[np.ix_(used, used)]
+    root = np.sqrt(np.diag(correlation))
+    return np.asarray(np.linalg.cholesky(correlation / np.outer(root, root)), dtype=np.float64)
 
 
 def block_correlation(grid: Grid, length_px: float, gaussian: float = 0.0) -> NDArray[np.float64]:
@@ -138,7 +143,7 @@ def most_likely_window(
 
     def score(length_px: float, gaussian: float) -> float:
         try:
-            factor = rough_cholesky(make_whitener(grid, used, length_px, 1.0, gaussian), rough)
+            factor = rough_cholesky(_factor(grid, used, (length_px, gaussian)), rough)
         except np.linalg.LinAlgError:  # a window much longer than the blocks: singular in double precision
             return -np.inf
         white = solve_triangular(factor, flat, lower=True, check_finite=False)
@@ -155,9 +160,9 @@ def most_likely_window(
     return others[other] if other_scores[other] > scores[best] + MIN_WINDOW_ODDS else usual[best]
 
 
-def rough_cholesky(whiten: Whitener, rough: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(k, k) lower Cholesky factor of the noise's correlation in the space of (b, k) orthonormal columns."""
-    half = rough.T @ whiten.factor
+def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, k) lower Cholesky factor, in the space of (b, k) orthonormal columns, of noise with a (b, b) factor of its correlation."""
+    half = rough.T @ factor
     return np.asarray(np.linalg.cholesky(half @ half.T), dtype=np.float64)
 
 
