@@ -24,6 +24,7 @@ MIN_POINTS = 40  # valid points of a map, and pairs of points at a lag
 CLIP = 6.0  # robust standard deviations; points beyond are outliers
 SHAPES = (0.0, 0.2, 0.45, 1.0)  # Gaussian share of the window: standard deviation relative to edge + standard deviation
 LENGTHS = 48
+MIN_SIGMA_PX = 5e-4  # a tenth of the noise of the best maps; below it the residual is not noise
 MIN_CORRELATION = 0.1  # between neighbouring points: below it they are independent
 
 
@@ -82,7 +83,8 @@ def correlation_of(maps: Sequence[DisparityMap]) -> NoiseCorrelation | None:
     """Estimate the correlation from maps within pairs; None if no map has enough points.
 
     The variogram of each map, half the mean square difference of points at a distance, is compared with those of windows. Differences
-    cancel what is smooth, and lost points leave the others as they are.
+    cancel what is smooth, and lost points leave the others as they are. Only distances along rows are used: drift differs from row to row.
+    Maps without noise, as simulations write them, have no correlation.
     """
     variograms, sigmas = [], []
     for dmap in maps:
@@ -92,11 +94,11 @@ def correlation_of(maps: Sequence[DisparityMap]) -> NoiseCorrelation | None:
                 level = float(np.nanvar(rough))
                 variograms.append(_variogram(rough) / (level or 1.0))
                 sigmas.append(math.sqrt(level))
-    if not variograms:
+    if not variograms or np.median(sigmas) < MIN_SIGMA_PX:
         return None
     grid = maps[0].grid
     pooled = np.nanmedian(variograms, axis=0)
-    edge, gaussian, own, sill = _fit(pooled, _lags(grid.nx), _lags(grid.ny), float(grid.step_px))
+    edge, gaussian, own, sill = _fit(pooled, _lags(grid.nx) * float(grid.step_px))
     sigma = math.sqrt(sill) * np.median(np.array(sigmas).reshape(-1, 2), axis=0)
     return NoiseCorrelation(edge, gaussian, own, (float(sigma[0]), float(sigma[1])), len(variograms) // 2)
 
@@ -124,19 +126,18 @@ def _lags(count: int) -> NDArray[np.int64]:
 
 
 def _variogram(rough: Array) -> Array:
-    """(lags along x + lags along y,) half the mean square difference; NaN with too few pairs of points."""
+    """(lags along x,) half the mean square difference; NaN with too few pairs of points."""
     values = []
-    for field in (rough, rough.T):
-        for lag in _lags(field.shape[1]):
-            squares = (field[:, lag:] - field[:, :-lag]) ** 2
-            found = np.isfinite(squares)
-            values.append(0.5 * float(squares[found].mean()) if found.sum() >= MIN_POINTS else np.nan)
+    for lag in _lags(rough.shape[1]):
+        squares = (rough[:, lag:] - rough[:, :-lag]) ** 2
+        found = np.isfinite(squares)
+        values.append(0.5 * float(squares[found].mean()) if found.sum() >= MIN_POINTS else np.nan)
     return np.array(values)
 
 
-def _fit(variogram: Array, lags_x: NDArray[np.int64], lags_y: NDArray[np.int64], step_px: float) -> tuple[float, float, float, float]:
+def _fit(variogram: Array, distance_px: Array) -> tuple[float, float, float, float]:
     """Edge in px, Gaussian share, fraction of the variance without correlation, and sill that fit a variogram best."""
-    distance_px = step_px * np.concatenate((lags_x, lags_y))
+    step_px = float(distance_px[0])
     known = np.isfinite(variogram)
     if known.sum() < 3:
         return 0.0, 0.0, 1.0, 1.0

@@ -104,10 +104,8 @@ def table(lines: list[Verdict]) -> str:
     by_shape: dict[str, list[Verdict]] = defaultdict(list)
     for line in lines:
         by_shape[line["shape"]].append(line)
-    rows = [
-        "| noise | runs | NONE | named | UNKNOWN | false, at most (95 %) | estimated edge, px | CPU, s |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    heads = ["noise", "runs", "NONE", "named", "UNKNOWN", "false, at most (95 %)", "estimated edge, px", "CPU, s"]
+    rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     rows += [_row(shape, by_shape[shape]) for shape in SHAPES if shape in by_shape]
     if lines:
         rows.append(_row("all", lines))
@@ -122,7 +120,8 @@ def _row(name: str, lines: list[Verdict]) -> str:
     bound = 100.0 * float(beta.ppf(0.95, false + 1, count - false)) if false < count else 100.0
     edges = np.quantile([line["edge_px"] for line in lines], (0.0, 0.5, 1.0))
     unknown, slowest = false - named, max(line["cpu_s"] for line in lines)
-    return f"| {name} | {count} | {none} | {named} | {unknown} | {bound:.1f} % | {edges[1]:.0f} ({edges[0]:.0f}-{edges[2]:.0f}) | {slowest:.1f} |"
+    edge = f"{edges[1]:.0f} ({edges[0]:.0f} to {edges[2]:.0f})"
+    return f"| {name} | {count} | {none} | {named} | {unknown} | {bound:.1f} % | {edge} | {slowest:.1f} |"
 
 
 if __name__ == "__main__":
