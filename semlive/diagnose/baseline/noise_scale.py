@@ -57,7 +57,9 @@ def residual_scale(baseline: HyperparameterGrid, rough: Array) -> float:
     """Root mean square of the rough part of the residual relative to that of unit noise."""
     columns, residual = baseline.design, baseline.residual()
     f, b, _ = residual.shape
-    to_rough = solve_triangular(rough_cholesky(columns.whiten.factor, rough), rough.T @ columns.whiten.factor, lower=True, check_finite=False)
+    to_rough = solve_triangular(
+        rough_cholesky(columns.whiten.factor, rough), rough.T @ columns.whiten.factor, lower=True, check_finite=False
+    )
     residuals = to_rough @ residual
     explained = 0.0
     for axis in (0, 1):

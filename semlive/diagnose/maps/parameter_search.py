@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -174,9 +174,21 @@ def _posterior_spread(line: _Line, mean: Array) -> tuple[float, Array]:
             scores.append(score)
             squares.append((line.at(steps * place) - line.at(0.0)) ** 2)
             changes.append(projected_field.amplitudes(0, line.objective.size_px)[0] - mean)
-    # Where the data are far from the model, the start can be less likely than its surroundings by more than a number can hold.
+    return posterior_moments(scores, squares, changes)
+
+
+def posterior_moments(scores: Sequence[float], squares: Sequence[float], changes: Sequence[Array]) -> tuple[float, Array]:
+    """Root mean square of a parameter's deviation, and mean outer product (q, q) of the changes of the amplitudes.
+
+    Where the data are far from the model, the start can be less likely than its surroundings by more than a number can hold.
+
+    Args:
+        scores: log likelihood of each value of the parameter, relative to the start.
+        squares: squared deviation of each value.
+        changes: (q,) change of the amplitudes at each value.
+    """
     shift = max(0.0, max(scores) - MAX_EXPONENT)
-    total, square, outer = 0.0, 0.0, np.zeros((len(mean),) * 2)
+    total, square, outer = 0.0, 0.0, np.zeros((len(changes[0]),) * 2)
     for score, distance2, change in zip(scores, squares, changes, strict=True):
         weight = math.exp(score - shift)
         total, square = total + weight, square + weight * distance2

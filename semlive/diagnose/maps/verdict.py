@@ -77,6 +77,7 @@ def diagnose(
         evidence=_log_factors(result.search.initial_screening),
         overlap=shared,
         coarse=result.search.underresolved_splines,
+        truncated=result.search.truncated,
     )
     return replace(verdict, model_effects=tuple(model_effects), run=RunExtent(observation.geometry.end_s, (width, height)))
 
@@ -129,7 +130,7 @@ class SearchResult:
     @property
     def needs_second_pass(self) -> bool:
         """Whether the effects may have biased the earlier selections, so that further effects compensate the error."""
-        return bool(self.effects) and (self.residual_significant or len(self.effects) == MAX_EFFECTS)
+        return bool(self.effects) and not self.search.truncated and (self.residual_significant or len(self.effects) == MAX_EFFECTS)
 
 
 def _second_pass(
