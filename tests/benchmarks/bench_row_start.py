@@ -3,8 +3,8 @@
     python tests/benchmarks/bench_row_start.py --tables FOLDER [--write]
 
 The tables of templiert/scan_correction (commit 5f3a6285, GPL-3; not part of this repository) hold an exponential for each of 61 beams
-at two pixel sizes and two dwell times. A profile is the median over the beams; its uncertainty is that of the median. Each table is also predicted
-by each law from the three others.
+at two pixel sizes and two dwell times. A profile is the median over the beams; its uncertainty is that of the median. Each table is
+also predicted by each law from the three others.
 """
 
 from __future__ import annotations

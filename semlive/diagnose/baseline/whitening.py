@@ -14,7 +14,9 @@ from semlive.estimate.joint.observations.block_means import Blocks
 from semlive.mechanics.correlation_length import window_correlation
 
 OTHER_LENGTHS, OTHER_WINDOWS = 6, (0.0, 0.45, 1.0)  # lengths beyond the subset, and Gaussian shares of windows
-MIN_WINDOW_ODDS = 10.0  # log odds of another window against a square one of at most the subset
+# Log odds of another window against a square one of at most the subset: independent points instead of a correlation of 0.4 between
+# neighbours lose 0.1 for each number; the small differences between windows of one area do not matter for a verdict.
+MIN_WINDOW_ODDS, MIN_WINDOW_ODDS_PER_NUMBER = 10.0, 0.01
 LENGTHS = 9  # number of candidate correlation lengths, from the distance of points to the subset size
 
 
@@ -157,7 +159,8 @@ def most_likely_window(
     others = [(float(length_px), gaussian) for gaussian in OTHER_WINDOWS for length_px in (0.5 * longest, 0.75 * longest, *beyond)]
     other_scores = [score(*window) for window in others]
     best, other = int(np.argmax(scores)), int(np.argmax(other_scores))
-    return others[other] if other_scores[other] > scores[best] + MIN_WINDOW_ODDS else usual[best]
+    odds = MIN_WINDOW_ODDS + MIN_WINDOW_ODDS_PER_NUMBER * flat.size
+    return others[other] if other_scores[other] > scores[best] + odds else usual[best]
 
 
 def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> NDArray[np.float64]:

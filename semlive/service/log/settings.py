@@ -21,6 +21,7 @@ class ImportNoise(BaseModel):
     Attributes:
         subset_px: edge of the subset of all maps of the log, px: points in it are worth one; 0 for independent points.
         source: ``given`` by the option, ``maps`` for the value in the maps, ``estimated`` from their noise, or ``assumed``.
+        edge_px: edge of the square with the estimated area of correlation, px; `subset_px` is at most a sixth of the field.
         sigma_px: standard deviations of u and v of maps within pairs, px, if estimated.
         gaussian: share of a Gaussian in the window, 0 to 1, if estimated.
         own_fraction: fraction of the variance that is each point's own, if estimated.
@@ -31,6 +32,7 @@ class ImportNoise(BaseModel):
 
     subset_px: int
     source: Literal["given", "maps", "estimated", "assumed"]
+    edge_px: float | None = None
     sigma_px: tuple[float, float] | None = None
     gaussian: float | None = None
     own_fraction: float | None = None

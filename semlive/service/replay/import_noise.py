@@ -9,6 +9,8 @@ from semlive.formats.tables.disparity_table import DisparityTable
 from semlive.mechanics.correlation_length import correlation_of
 from semlive.service.log.settings import ImportNoise
 
+MIN_SUBSETS_PER_AXIS = 6  # of the field; a diagnosis needs 24 blocks as large as a subset
+
 
 def noise_of(given_px: int | None, first: DisparityTable, within_pairs: Callable[[], Iterable[DisparityTable]]) -> ImportNoise:
     """Correlation of the noise of all maps of an import.
@@ -29,9 +31,11 @@ def noise_of(given_px: int | None, first: DisparityTable, within_pairs: Callable
     found = correlation_of([map_on(table, grid, 2 * number, 2 * number + 1) for number, table in enumerate(within_pairs())])
     if found is None:
         return ImportNoise(subset_px=0, source="assumed")
+    largest_px = int(grid.step_px * min(grid.nx, grid.ny) / MIN_SUBSETS_PER_AXIS)
     return ImportNoise(
-        subset_px=found.subset_px,
+        subset_px=min(found.subset_px, max(largest_px, grid.step_px)),
         source="estimated",
+        edge_px=found.edge_px,
         sigma_px=found.sigma_px,
         gaussian=found.gaussian,
         own_fraction=found.own_fraction,

@@ -159,6 +159,7 @@ def test_the_source_of_the_noise_correlation_is_printed_and_stored(semlive: Seml
     assert config["imported"]["noise"] == {
         "subset_px": 31,
         "source": "given",
+        "edge_px": None,
         "sigma_px": None,
         "gaussian": None,
         "own_fraction": None,
