@@ -20,10 +20,11 @@ from semlive.data.disparity import DisparityMap
 Array = NDArray[np.float64]
 ORDER = 4  # total order of the polynomial that drift within a pair follows
 MAX_LAGS, FIELD_FRACTION = 24, 0.35  # lags of the variogram, and their largest distance relative to the field
-MIN_POINTS = 40  # valid points of a map, and pairs of points at a lag
+MIN_POINTS, MAX_POINTS = 40, 300_000  # valid points of a map or pairs of points at a lag, and points of a map in the estimate
+MIN_LAGS = 3
 CLIP = 6.0  # robust standard deviations; points beyond are outliers
 SHAPES = (0.0, 0.2, 0.45, 1.0)  # Gaussian share of the window: standard deviation relative to edge + standard deviation
-LENGTHS = 48
+LENGTHS = 72
 MIN_SIGMA_PX = 5e-4  # a tenth of the noise of the best maps; below it the residual is not noise
 MIN_CORRELATION = 0.1  # between neighbouring points: below it they are independent
 
@@ -88,23 +89,25 @@ def correlation_of(maps: Sequence[DisparityMap]) -> NoiseCorrelation | None:
     """
     variograms, sigmas = [], []
     for dmap in maps:
-        for field in (dmap.u_px, dmap.v_px):
-            rough = _rough(field, dmap.valid)
-            if rough is not None:
-                level = float(np.nanvar(rough))
-                variograms.append(_variogram(rough) / (level or 1.0))
-                sigmas.append(math.sqrt(level))
+        u, v = (_rough(field, dmap.valid) for field in (dmap.u_px, dmap.v_px))
+        if u is not None and v is not None:
+            levels = float(np.nanvar(u)), float(np.nanvar(v))
+            variograms += [_variogram(rough) / (level or 1.0) for rough, level in zip((u, v), levels, strict=True)]
+            sigmas.append(np.sqrt(levels))
     if not variograms or np.median(sigmas) < MIN_SIGMA_PX:
         return None
-    grid = maps[0].grid
-    pooled = np.nanmedian(variograms, axis=0)
-    edge, gaussian, own, sill = _fit(pooled, _lags(grid.nx) * float(grid.step_px))
-    sigma = math.sqrt(sill) * np.median(np.array(sigmas).reshape(-1, 2), axis=0)
-    return NoiseCorrelation(edge, gaussian, own, (float(sigma[0]), float(sigma[1])), len(variograms) // 2)
+    grid, values = maps[0].grid, np.array(variograms)
+    known = np.isfinite(values).any(axis=0)
+    distance_px = _lags(grid.nx)[known] * float(grid.step_px)
+    edge, gaussian, own, sill = _fit(np.nanmedian(values[:, known], axis=0), distance_px, float(grid.step_px))
+    sigma = math.sqrt(sill) * np.median(sigmas, axis=0)
+    return NoiseCorrelation(edge, gaussian, own, (float(sigma[0]), float(sigma[1])), len(sigmas))
 
 
 def _rough(field: Array, valid: NDArray[np.bool_]) -> Array | None:
     """(ny, nx) the field minus a polynomial; NaN for lost points and outliers. None with too few points."""
+    rows = slice(None, None, math.ceil(field.size / MAX_POINTS))  # distances along rows remain
+    field, valid = field[rows], valid[rows]
     good = valid & np.isfinite(field)
     if good.sum() < MIN_POINTS:
         return None
@@ -122,7 +125,7 @@ def _rough(field: Array, valid: NDArray[np.bool_]) -> Array | None:
 
 
 def _lags(count: int) -> NDArray[np.int64]:
-    return np.arange(1, max(2, min(MAX_LAGS, int(FIELD_FRACTION * count)) + 1))
+    return np.unique(np.geomspace(1.0, max(FIELD_FRACTION * count, 2.0), MAX_LAGS).astype(np.int64))
 
 
 def _variogram(rough: Array) -> Array:
@@ -135,32 +138,27 @@ def _variogram(rough: Array) -> Array:
     return np.array(values)
 
 
-def _fit(variogram: Array, distance_px: Array) -> tuple[float, float, float, float]:
+def _fit(variogram: Array, distance_px: Array, step_px: float) -> tuple[float, float, float, float]:
     """Edge in px, Gaussian share, fraction of the variance without correlation, and sill that fit a variogram best."""
-    step_px = float(distance_px[0])
-    known = np.isfinite(variogram)
-    if known.sum() < 3:
+    if len(variogram) < MIN_LAGS:
         return 0.0, 0.0, 1.0, 1.0
-    weight, best = 1.0 / np.sqrt(distance_px[known]), (np.inf, 0.0, 0.0, 1.0, 1.0)
-    level = float(np.sum(variogram[known] * weight**2) / np.sum(weight**2))
-    independent = float(np.sum(((variogram[known] - level) * weight) ** 2))
+    weight, best = 1.0 / np.sqrt(distance_px), (np.inf, 0.0, 0.0, 1.0, 1.0)
+    data = variogram * weight
+    level = float(np.sum(data * weight) / np.sum(weight**2))
     longest = max(float(distance_px.max()), 2.0 * step_px)
     for gaussian in SHAPES:
-        for edge_px in np.geomspace(step_px, longest, LENGTHS):
-            shared = 1.0 - window_correlation(distance_px[known], float(edge_px), gaussian)
-            columns = np.stack((np.ones(len(shared)), shared), axis=1) * weight[:, None]
-            own, common = np.linalg.lstsq(columns, variogram[known] * weight, rcond=None)[0]
+        for edge_px in np.geomspace(step_px, longest, LENGTHS).tolist():
+            shared = 1.0 - window_correlation(distance_px, edge_px, gaussian)
+            columns = np.stack((weight, shared * weight), axis=1)
+            own, common = np.linalg.lstsq(columns, data, rcond=None)[0].tolist()
             if own < 0.0:
-                own, common = 0.0, float(columns[:, 1] @ (variogram[known] * weight) / (columns[:, 1] @ columns[:, 1]))
-            if common <= 0.0:
-                continue
-            misfit = float(np.sum((columns @ (own, common) - variogram[known] * weight) ** 2))
-            if misfit < best[0]:
-                best = (misfit, float(edge_px), gaussian, float(own / (own + common)), float(own + common))
+                own, common = 0.0, float(columns[:, 1] @ data / (columns[:, 1] @ columns[:, 1]))
+            misfit = float(np.sum((columns @ (own, common) - data) ** 2))
+            if common > 0.0 and misfit < best[0]:
+                best = (misfit, edge_px, gaussian, own / (own + common), own + common)
     misfit, edge_px, gaussian, own, sill = best
     near = (1.0 - own) * float(window_correlation(np.array([step_px]), edge_px, gaussian)[0]) if edge_px else 0.0
-    if misfit >= independent or near < MIN_CORRELATION:
+    if misfit >= float(np.sum((level * weight - data) ** 2)) or near < MIN_CORRELATION:
         return 0.0, 0.0, 1.0, level
     # With few lags within the window, its edge and the points' own noise compensate each other; the area of correlation is determined.
-    area_px2 = own * step_px**2 + (1.0 - own) * edge_px**2
-    return math.sqrt(area_px2), gaussian, own, sill
+    return math.sqrt(own * step_px**2 + (1.0 - own) * edge_px**2), gaussian, own, sill
