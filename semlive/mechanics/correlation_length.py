@@ -97,9 +97,9 @@ def correlation_of(maps: Sequence[DisparityMap]) -> NoiseCorrelation | None:
     if not variograms or np.median(sigmas) < MIN_SIGMA_PX:
         return None
     grid, values = maps[0].grid, np.array(variograms)
-    known = np.isfinite(values).any(axis=0)
-    distance_px = _lags(grid.nx)[known] * float(grid.step_px)
-    edge, gaussian, own, sill = _fit(np.nanmedian(values[:, known], axis=0), distance_px, float(grid.step_px))
+    defined = np.isfinite(values).any(axis=0)
+    distance_px = _lags(grid.nx)[defined] * float(grid.step_px)
+    edge, gaussian, own, sill = _fit(np.nanmedian(values[:, defined], axis=0), distance_px, float(grid.step_px))
     sigma = math.sqrt(sill) * np.median(sigmas, axis=0)
     return NoiseCorrelation(edge, gaussian, own, (float(sigma[0]), float(sigma[1])), len(sigmas))
 

@@ -104,7 +104,7 @@ def row_start_law(profiles: Sequence[RowStartProfile]) -> RowStartVerdict:
         outcome = Outcome.UNKNOWN
     terms = fits[0].terms
     values = np.exp(constants)
-    experiments = () if outcome is Outcome.IDENTIFIED else foretold(fits, laws)
+    experiments = () if outcome is Outcome.IDENTIFIED else possible_settings(fits, laws)
     amplitudes, lengths = values[:terms].tolist(), values[terms:].tolist()
     return RowStartVerdict(outcome, laws, terms, evidence, tuple(amplitudes), tuple(lengths), scatter, experiments)
 
@@ -161,7 +161,7 @@ def _gaussian(data: Sequence[Array], covariances: Sequence[Array]) -> tuple[floa
     return fit + 0.5 * float(right @ mean) - 0.5 * float(np.linalg.slogdet(precision)[1]), centre + mean
 
 
-def foretold(fits: Sequence[FittedProfile], laws: Sequence[RowStartLaw]) -> tuple[SettlingExperiment, ...]:
+def possible_settings(fits: Sequence[FittedProfile], laws: Sequence[RowStartLaw]) -> tuple[SettlingExperiment, ...]:
     """Settings with other pixel sizes and dwell times, the most decisive first.
 
     For each law, the profile expected at the new setting is added to the data with the covariance of the last profile.

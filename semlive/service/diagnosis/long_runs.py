@@ -1,7 +1,7 @@
 """Thinning of runs that are longer than one matrix: pairs spread over the run, and a drift with as many knots as for them.
 
 Consecutive blocks of pairs were not chosen: the distortion is determined by the calibration at the start of a run, and slow effects by its
-whole length.
+entire length.
 """
 
 from __future__ import annotations
