@@ -98,7 +98,7 @@ def correlation_of(maps: Sequence[DisparityMap]) -> NoiseCorrelation | None:
         return None
     grid, values = maps[0].grid, np.array(variograms)
     defined = np.isfinite(values).any(axis=0)
-    distance_px = _lags(grid.nx)[defined] * float(grid.step_px)
+    distance_px = np.asarray(_lags(grid.nx)[defined] * grid.step_px, dtype=np.float64)
     edge, gaussian, own, sill = _fit(np.nanmedian(values[:, defined], axis=0), distance_px, float(grid.step_px))
     sigma = math.sqrt(sill) * np.median(sigmas, axis=0)
     return NoiseCorrelation(edge, gaussian, own, (float(sigma[0]), float(sigma[1])), len(sigmas))

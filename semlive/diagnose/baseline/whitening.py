@@ -55,7 +55,7 @@ class Whitener:
         white = np.matmul(self.inverse / self.sigma_px, field.reshape(*field.shape[:2], math.prod(field.shape[2:])))
         if self.over_frames is not None:
             white = np.tensordot(self.over_frames[axis], white, 1)
-        return np.asarray(white.reshape(field.shape))
+        return np.asarray(white.reshape(field.shape), dtype=np.float64)
 
     def rows(self, axis: int, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k, f, b) contiguous fields along one axis, whitened likewise."""

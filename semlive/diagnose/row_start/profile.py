@@ -102,7 +102,7 @@ def _linear(profile: RowStartProfile, lengths: Array) -> tuple[Array, float]:
     columns = np.column_stack((np.exp(-np.divide.outer(profile.distance_px, lengths)), np.ones(len(profile.distance_px))))
     weighted = columns / profile.sigma_px[:, None]
     data = profile.shift_px / profile.sigma_px
-    solution = np.linalg.lstsq(weighted, data, rcond=None)[0]
+    solution = np.asarray(np.linalg.lstsq(weighted, data, rcond=None)[0], dtype=np.float64)
     return solution, float(np.sum((weighted @ solution - data) ** 2))
 
 
