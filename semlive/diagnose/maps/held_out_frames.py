@@ -181,7 +181,7 @@ def orthonormal_shapes(field: Array) -> Array:
 
 def smooth_columns(columns: DesignMatrix, frame: int) -> Array:
     """(b, 2, q) whitened polynomials in one frame."""
-    return _whitened(columns, list(np.moveaxis(modes(columns.observation.geometry, COARSE_POLYNOMIAL_ORDER)[frame], -1, 0)))
+    return _whitened(columns, frame, list(np.moveaxis(modes(columns.observation.geometry, COARSE_POLYNOMIAL_ORDER)[frame], -1, 0)))
 
 
 def _effects_in(columns: DesignMatrix, held_out: NDArray[np.bool_]) -> Array:

@@ -55,7 +55,7 @@ SHAPES = {
 }
 
 
-def noise_of(shape: Shape, size: tuple[int, int], frames: int, sigma_px: float, rng: np.random.Generator) -> Array:
+def noise_of(shape: Shape, size: tuple[int, int], frames: int, sigma_px: float, rng: np.random.Generator) -> NDArray[np.float32]:
     """(frames, 2, height, width) noise of displacement at each pixel of a frame, px."""
     transfer = _transfer(shape, size)
     height, width = size

@@ -152,7 +152,7 @@ def _distortion(series: Series, rng: np.random.Generator) -> Callable[[Array, Ar
         a, b = 2.0 * px / raster.width - 1.0, 2.0 * py / raster.height - 1.0
         bump = np.exp(-((a - middle[0]) ** 2 + (b - middle[1]) ** 2) / (2.0 * width**2))
         terms = np.stack([a * a, a * b, b * b, a**3, a * a * b, a * b * b, b**3, bump])
-        return np.tensordot(size[0], terms, 1), np.tensordot(size[1], terms, 1)
+        return np.einsum("k,kyx->yx", size[0], terms), np.einsum("k,kyx->yx", size[1], terms)
 
     return at
 

@@ -20,8 +20,9 @@ def profile(law: RowStartLaw | None, setting: tuple[float, float], terms: int, s
     shortest_s = ROWS[0][1] if pixel_s < 1e-3 else FRAMES[0][1]
     rng, distance = np.random.default_rng(seed), np.arange(2.0, 1400.0, 12.0)
     shift = np.full(len(distance), 0.05)
+    ratios = {RowStartLaw.TIME: shortest_s / pixel_s, RowStartLaw.POSITION: 4.0 / pixel_nm, RowStartLaw.PIXELS: 1.0}
     for amplitude, length in TERMS[terms] if law else ():
-        by_position = {RowStartLaw.TIME: shortest_s / pixel_s, RowStartLaw.POSITION: 4.0 / pixel_nm, RowStartLaw.PIXELS: 1.0}[law]
+        by_position = ratios[law or RowStartLaw.TIME]
         size_px = amplitude / (4.0 if law is RowStartLaw.PIXELS else pixel_nm)
         shift += size_px * np.exp(-distance / (250.0 * length * by_position))
     sigma = np.full(len(distance), 0.02)

@@ -33,7 +33,8 @@ def maps(seen: object, lost: float = 0.0, sigma_px: float = 0.02, drift_px: floa
         valid = rng.uniform(size=x.shape) >= lost
         status = np.where(valid, PoiStatus.CONVERGED, PoiStatus.LOW_ZNCC).astype(np.uint8)
         sigma = np.full(x.shape, sigma_px)
-        made.append(DisparityMap(2 * number, 2 * number + 1, grid, *fields, sigma, sigma, valid.astype(float), status))
+        u, v = fields
+        made.append(DisparityMap(2 * number, 2 * number + 1, grid, u, v, sigma, sigma, valid.astype(float), status))
     return made
 
 
