@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 FREE_DISTORTION_FACTOR = 10.0
 PRIOR_LOG_SD = 4.0  # of the logarithm of a smoothness, relative to that of the first solution
 DISTORTION_SMOOTHNESS_FACTORS = (0.3, 1.0, 3.0)
-MAX_GRID_BYTES = 400_000_000  # of the matrices of all points; a run of 15 pairs needs a quarter
+MAX_GRID_BYTES = 1_200_000_000  # of the matrices of all points; only baselines of more than 2,600 parameters have fewer points
 MAX_LOG_ODDS_DEFICIT = 40.0  # drift priors that are less likely by more than this are left out of the grid
 
 
