@@ -28,6 +28,7 @@ from foreign.world import Raster, Series, write
 from scipy.stats import beta
 
 from semlive.service.diagnosis.run import diagnose_log
+from semlive.service.log.opened_log import OpenedLog
 from semlive.service.replay.import_maps import ImportRequest, import_folder
 
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "diagnosis.md"
@@ -83,7 +84,7 @@ def verdict_of(shape: str, seed: int) -> Verdict:
         write(Series(seed, *PAIRS, raster=RASTER), SHAPES[shape], folder)
         imported = import_folder(ImportRequest(folder, log))
         begin = time.process_time()
-        found = diagnose_log(log)
+        found, _ = diagnose_log(OpenedLog(log))
         return {
             "outcome": found.outcome.value,
             "names": [effect.name for effect in found.effects],
