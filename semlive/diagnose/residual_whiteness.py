@@ -20,7 +20,7 @@ from semlive.diagnose.baseline.bayes_factor import project
 from semlive.diagnose.baseline.design_matrix import design
 from semlive.diagnose.baseline.noise_scale import residual_scale, rough_modes
 from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, make_observation, step_conditions
-from semlive.diagnose.baseline.whitening import make_whitener, most_likely_length_px
+from semlive.diagnose.baseline.whitening import make_whitener, most_likely_window
 from semlive.diagnose.maps.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts
 from semlive.errors import IllPosed
 from semlive.estimate.joint.observations.accumulation import dense_limit
@@ -96,8 +96,9 @@ def whiteness_test(solution: Solution, decisions: Sequence[PairDecision]) -> Whi
 def _noise_scaled(observation: Observation) -> HyperparameterGrid:
     """The baseline in units of the noise, with one pass for the noise, one drift prior and a free distortion."""
     residual, rough = observation.residual_px(), rough_modes(observation)
-    length_px = most_likely_length_px(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
-    columns = design(observation, make_whitener(observation.grid, observation.valid_blocks, length_px, float(residual.std()) or 1e-6))
+    length_px, gaussian = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
+    sigma_px = float(residual.std()) or 1e-6
+    columns = design(observation, make_whitener(observation.grid, observation.valid_blocks, length_px, sigma_px, gaussian))
     return with_free_distortion(columns.rescaled(residual_scale(with_free_distortion(columns), rough)))
 
 

@@ -68,6 +68,11 @@ def diagnose(
         console.print(_effect_table(effect))
     for name in diagnosis.coarse:
         console.print(f"{name}: {UNDERRESOLVED[name]}")
+    if diagnosis.truncated:
+        console.print("the search ended at the limit of its work: the effects above are those found so far, and a residual remains")
+    used, total = diagnosis.run.pairs
+    if used < total:
+        console.print(f"{used} of {total} pairs were used, spread over the run, with a drift as much coarser")
     _print_gap(console, diagnosis)
     console.print(_where_table(diagnosis))
     rows = diagnosis.images.rows

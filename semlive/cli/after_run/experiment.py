@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from semlive.cli.after_run.forecast_table import forecast_table
+from semlive.cli.after_run.row_start import row_start
 from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.data.diagnosis.effects import ModelEffect, Outcome, ParameterEstimate
@@ -156,6 +157,9 @@ def compare(
         f"smooth and more than noise: {sizes.measured_px:.4f} px measured, {sizes.simulated_px:.4f} px simulated with them"
         + (f", {_share(sizes.ratio, sizes.interval)} of it" if sizes.measured_px > 0.0 else "")
     )
+
+
+experiment.command("row-start")(row_start)
 
 
 def _share(share: float, interval: tuple[float, float]) -> str:

@@ -15,6 +15,7 @@ from semlive.cli.shared.terminal import echo
 from semlive.data.settings import SpecimenSettings
 from semlive.errors import BadInput
 from semlive.service.replay.import_maps import ImportRequest, as_json, import_folder
+from semlive.service.replay.import_noise import noise_text
 
 
 class Engine(StrEnum):
@@ -48,7 +49,9 @@ def import_maps(
     engine: Annotated[
         Engine | None, typer.Option("--from", help="Program that wrote the maps; by default determined from each header.")
     ] = None,
-    subset_px: Annotated[int | None, typer.Option(help="Edge of the subset in px; by default the value in the maps, else 0.")] = None,
+    subset_px: Annotated[
+        int | None, typer.Option(help="Edge of the subset in px; by default that in the maps, else estimated from their noise.")
+    ] = None,
     as_json_object: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Write a log from disparity maps of another DIC program: VIC-2D, DICe, OpenCorr, pyvale, or plain CSV."""
@@ -75,3 +78,4 @@ def import_maps(
         f"{out}: {imported.pairs} pairs, {imported.maps} maps of {grid.nx} x {grid.ny} "
         f"points {grid.step_px} px apart, from {', '.join(imported.engines)}"
     )
+    echo(noise_text(imported.noise, grid.step_px))

@@ -157,10 +157,12 @@ class RunExtent:
     Attributes:
         duration_s: time of the last scanned point, seconds after the start of frame 0.
         size_px: width and height of the frames.
+        pairs: number of pairs in the diagnosis, and in the run; a run longer than one matrix is thinned.
     """
 
     duration_s: float = 0.0
     size_px: tuple[int, int] = (0, 0)
+    pairs: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +186,7 @@ class Diagnosis:
             ``baseline_distortion_underresolved``; their residual was added to the baseline before the search.
         images: verdicts of the image channels.
         run: extent of the diagnosed run.
+        truncated: whether the search for effects ended at the limit of its work, with a significant residual.
     """
 
     outcome: Outcome
@@ -201,3 +204,4 @@ class Diagnosis:
     coarse: tuple[str, ...] = ()
     images: ImageVerdicts = ImageVerdicts()
     run: RunExtent = RunExtent()
+    truncated: bool = False

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 FREE_DISTORTION_FACTOR = 10.0
 PRIOR_LOG_SD = 4.0  # of the logarithm of a smoothness, relative to that of the first solution
 DISTORTION_SMOOTHNESS_FACTORS = (0.3, 1.0, 3.0)
+MAX_GRID_BYTES = 1_200_000_000  # of the matrices of all points; only baselines of more than 2,600 parameters have fewer points
 MAX_LOG_ODDS_DEFICIT = 40.0  # drift priors that are less likely by more than this are left out of the grid
 
 
@@ -84,7 +85,7 @@ class HyperparameterGrid:
         """Log marginal likelihood in px instead of noise units, comparable between solutions of the same maps."""
         whiten, f = self.design.whiten, self.design.observation.frames
         volume = len(whiten.factor) * np.log(whiten.sigma_px) + np.sum(np.log(np.diag(whiten.factor)))
-        return float(self.evidence - 2.0 * (f - 1) * volume)
+        return float(self.evidence - 2.0 * (f - 1) * volume - whiten.half_log_det)
 
     def residual(self) -> Array:
         """(f, b, 2) whitened residual of the most likely baseline."""
@@ -93,7 +94,10 @@ class HyperparameterGrid:
 
 
 def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
-    """Evaluate, for each drift prior, the most likely smoothness of the distortion; points with negligible likelihood are left out."""
+    """Evaluate, for each drift prior, the most likely smoothness of the distortion.
+
+    Points with negligible likelihood are left out, and the least likely ones of a baseline that would not fit into memory.
+    """
     evaluator = _PointEvaluator.of(columns)
     evaluated = parallel_map(lambda candidate: (candidate, evaluator.point(candidate, 1.0)), columns.priors.different())
     best = max((point for _, point in evaluated), key=lambda candidate: candidate.evidence)
@@ -102,6 +106,9 @@ def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
         for value, point in evaluated
         if point.evidence > best.evidence - MAX_LOG_ODDS_DEFICIT or point.occam_factor > best.occam_factor
     ]
+    most = max(1, MAX_GRID_BYTES // (16 * columns.size**2))
+    likely = sorted((point.evidence for _, point in retained), reverse=True)[:most]
+    retained = [(value, point) for value, point in retained if point.evidence >= likely[-1]]
     points = parallel_map(
         lambda item: max((item[1], *evaluator.with_distortion_priors(item[0])), key=lambda candidate: candidate.evidence), retained
     )

@@ -286,7 +286,8 @@ class NullDraws:
         rng = np.random.default_rng((seed, 41))
         f, b = baseline.design.observation.frames, baseline.design.observation.blocks
         noise = rng.normal(size=(f, b, 2, draws))
-        noise -= noise.mean(axis=0)
+        for axis in (0, 1):
+            baseline.design.whiten.without_reference(axis, noise[:, :, axis])
         prior_gradient = np.linalg.cholesky(baseline.best.prior) @ rng.normal(size=(baseline.design.size, draws))
         gradient = baseline.best.half(baseline.design.transposed(noise) - prior_gradient)
         projected = noise[:, :, 0].reshape(-1, draws), noise[:, :, 1].reshape(-1, draws)

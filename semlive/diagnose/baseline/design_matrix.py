@@ -125,6 +125,15 @@ class DesignMatrix:
         return replace(self, columns=(columns[0], columns[1]), index=(index[0], index[1]), normal_matrix=normal, sizes_px=sizes)
 
 
+def _per_frame(whiten: Whitener, axis: int, dense: Array) -> Moving:
+    """Columns (f, b, m) that are not zero in each frame, whitened, without removal of the free reference address."""
+    if whiten.over_frames is not None:
+        white = whiten.unprojected(axis, dense)
+        return tuple((at, value[:, at]) for value in white for at in [np.flatnonzero(value.any(axis=0))])
+    nonzero_columns = [np.flatnonzero(value.any(axis=0)) for value in dense]
+    return tuple((at, whiten.inverse @ value[:, at] / whiten.sigma_px) for at, value in zip(nonzero_columns, dense, strict=True))
+
+
 def design(observation: Observation, whiten: Whitener) -> DesignMatrix:
     """Whitened columns of an observation, linearised about its first solution."""
     state, layout = observation.state, observation.state.layout
@@ -146,12 +155,9 @@ def design(observation: Observation, whiten: Whitener) -> DesignMatrix:
             own, value = entry[axis]
             inside = at[own] >= 0
             dense[frame + 1][:, at[own[inside]]] = value[np.ix_(observation.valid_blocks, inside)]
-        columns.append(whiten(dense).reshape(-1, len(used_columns)))
+        columns.append(whiten.one_axis(axis, dense).reshape(-1, len(used_columns)))
         index.append(place[used_columns])
-        nonzero_columns = [np.flatnonzero(value.any(axis=0)) for value in dense]
-        moving.append(
-            tuple((at, whiten.inverse @ value[:, at] / whiten.sigma_px) for at, value in zip(nonzero_columns, dense, strict=True))
-        )
+        moving.append(_per_frame(whiten, axis, dense))
     normal = np.zeros((len(retained), len(retained)))
     for axis in (0, 1):
         normal[np.ix_(index[axis], index[axis])] += columns[axis].T @ columns[axis]

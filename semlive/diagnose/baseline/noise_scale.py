@@ -9,7 +9,7 @@ from scipy.linalg import solve_triangular
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid
 from semlive.diagnose.baseline.design_matrix import design
 from semlive.diagnose.baseline.observation import Observation
-from semlive.diagnose.baseline.whitening import make_whitener, most_likely_length_px, rough_cholesky
+from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window, rough_cholesky
 from semlive.model.effects import RunGeometry
 
 Array = NDArray[np.float64]
@@ -26,16 +26,22 @@ def modes(scene: RunGeometry, order: int = ORDER) -> Array:
     return np.stack([x[..., i] * y[..., j] for i in range(order + 1) for j in range(order + 1 - i)], axis=-1)
 
 
-def noise_scaled_baseline(observation: Observation) -> HyperparameterGrid:
+def noise_scaled_baseline(observation: Observation, whiten: Whitener | None = None) -> HyperparameterGrid:
     """Evaluate the baseline in units of the noise.
 
     The noise is estimated from the rough part of the residual, which contains no smooth effects. The correlation length over subsets is the
     most likely one.
+
+    Args:
+        observation: observation of a run.
+        whiten: correlation of the noise, if it is not to be estimated; its size is.
     """
     residual, rough = observation.residual_px(), rough_modes(observation)
     sigma_px = float(residual.std()) or 1e-6
-    length_px = most_likely_length_px(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
-    columns = design(observation, make_whitener(observation.grid, observation.valid_blocks, length_px, sigma_px))
+    if whiten is None:
+        length_px, gaussian = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
+        whiten = make_whitener(observation.grid, observation.valid_blocks, length_px, sigma_px, gaussian)
+    columns = design(observation, whiten)
     for _ in range(PASSES):
         columns = columns.rescaled(residual_scale(best_point(columns), rough))
     return build_grid(columns)
@@ -51,7 +57,9 @@ def residual_scale(baseline: HyperparameterGrid, rough: Array) -> float:
     """Root mean square of the rough part of the residual relative to that of unit noise."""
     columns, residual = baseline.design, baseline.residual()
     f, b, _ = residual.shape
-    to_rough = solve_triangular(rough_cholesky(columns.whiten, rough), rough.T @ columns.whiten.factor, lower=True, check_finite=False)
+    to_rough = solve_triangular(
+        rough_cholesky(columns.whiten.factor, rough), rough.T @ columns.whiten.factor, lower=True, check_finite=False
+    )
     residuals = to_rough @ residual
     explained = 0.0
     for axis in (0, 1):

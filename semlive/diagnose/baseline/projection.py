@@ -51,7 +51,8 @@ class WhitenedColumns:
             nonzero = np.flatnonzero(each.any(axis=(1, 2)))
             previous, current = current, each[nonzero]
             # Most basis fields with many columns have equal columns along x and along y.
-            white = white if np.array_equal(previous, current) else design.whiten.rows(current)
+            reusable = design.whiten.over_frames is None and np.array_equal(previous, current)
+            white = white if reusable else design.whiten.rows(axis, current)
             flat = white.reshape(len(nonzero), residual[:, :, axis].size)
             gradient[nonzero] += flat @ residual[:, :, axis].ravel()
             index.append(nonzero)

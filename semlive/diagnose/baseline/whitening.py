@@ -11,7 +11,12 @@ from scipy.linalg import solve_triangular
 
 from semlive.data.grid import Grid
 from semlive.estimate.joint.observations.block_means import Blocks
+from semlive.mechanics.correlation_length import window_correlation
 
+OTHER_LENGTHS, OTHER_WINDOWS = 6, (0.0, 0.45, 1.0)  # lengths beyond the subset, and Gaussian shares of windows
+# Log odds of another window against a square one of at most the subset: independent points instead of a correlation of 0.4 between
+# neighbours lose 0.1 for each number; the small differences between windows of one area do not matter for a verdict.
+MIN_WINDOW_ODDS, MIN_WINDOW_ODDS_PER_NUMBER = 10.0, 0.01
 LENGTHS = 9  # number of candidate correlation lengths, from the distance of points to the subset size
 
 
@@ -23,76 +28,152 @@ class Whitener:
         factor: (b, b) lower Cholesky factor of the correlation of block means.
         inverse: (b, b) inverse factor. Multiplying with it takes a third of the time of a triangular solution.
         sigma_px: standard deviation of the block mean of one frame, px.
+        over_frames: for x and for y, (f, f) inverse lower factor of the covariance of the frames' noise, in units of `sigma_px`; None if
+            frames have equal and independent noise.
     """
 
     factor: NDArray[np.float64]
     inverse: NDArray[np.float64]
     sigma_px: float
+    over_frames: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def __call__(self, field: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(f, b, ...) fields in units of the noise, minus their mean over the frames, which the noise of frame 0 makes unobservable.
+        """(f, b, 2, ...) fields in units of the noise, without what the noise of frame 0 makes unobservable.
 
         The reference address p_b of each block is a free parameter. The result has one independent number per block fewer than the input.
         """
+        if self.over_frames is not None:
+            return np.stack([self.one_axis(axis, field[:, :, axis]) for axis in (0, 1)], axis=2)
+        return self.one_axis(0, field)
+
+    def one_axis(self, axis: int, field: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(f, b, ...) fields along one axis, whitened likewise."""
+        return np.asarray(self.without_reference(axis, self.unprojected(axis, field)))
+
+    def unprojected(self, axis: int, field: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(f, b, ...) fields along one axis in units of the noise, frame 0 taken as free of noise."""
         white = np.matmul(self.inverse / self.sigma_px, field.reshape(*field.shape[:2], math.prod(field.shape[2:])))
-        white -= white.mean(axis=0)
-        return np.asarray(white.reshape(field.shape))
+        if self.over_frames is not None:
+            white = np.tensordot(self.over_frames[axis], white, 1)
+        return np.asarray(white.reshape(field.shape), dtype=np.float64)
 
-    def rows(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k, f, b) contiguous fields, whitened likewise."""
+    def rows(self, axis: int, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, f, b) contiguous fields along one axis, whitened likewise."""
         white = np.matmul(rows, self.inverse.T / self.sigma_px)
-        white -= white.mean(axis=1, keepdims=True)
-        return np.asarray(white)
+        if self.over_frames is None:
+            white -= white.mean(axis=1, keepdims=True)
+            return np.asarray(white)
+        white = np.matmul(self.over_frames[axis], white)
+        free = self._free(axis)
+        return np.asarray(white - free[:, None] * np.einsum("f,kfb->kb", free, white)[:, None])
+
+    def without_reference(self, axis: int, white: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(f, ...) fields along one axis in units of the noise, minus the part of a displacement equal in all frames. In place."""
+        if self.over_frames is None:
+            white -= white.mean(axis=0)
+        else:
+            free = self._free(axis)
+            white -= np.multiply.outer(free, np.tensordot(free, white, 1))
+        return white
+
+    @property
+    def half_log_det(self) -> float:
+        """Half the log determinant of the covariance of both components, without the free reference address."""
+        frames = 0.0
+        if self.over_frames is not None:
+            for inverse in self.over_frames:
+                free = inverse.sum(axis=1)
+                frames += 0.5 * math.log(float(free @ free) / len(free)) - float(np.sum(np.log(np.diag(inverse))))
+        return frames * len(self.factor)
+
+    def _free(self, axis: int) -> NDArray[np.float64]:
+        """(f,) unit vector of a displacement equal in all frames."""
+        assert self.over_frames is not None  # without, it is the mean
+        free = self.over_frames[axis].sum(axis=1)
+        return np.asarray(free / np.linalg.norm(free))
 
 
-def make_whitener(grid: Grid, used: NDArray[np.int64], length_px: float, sigma_px: float) -> Whitener:
-    """Whitener for noise with a triangular autocorrelation of a given length along x and y.
+def make_whitener(grid: Grid, used: NDArray[np.int64], length_px: float, sigma_px: float, gaussian: float = 0.0) -> Whitener:
+    """Whitener for noise with an autocorrelation of a given length along x and y, triangular by default.
 
     Args:
         grid: grid of the points.
         used: (b,) indices of the used blocks.
         length_px: correlation length: the subset edge for overlapping subsets, or the step for independent points, px.
         sigma_px: standard deviation of the block mean of one frame, px.
+        gaussian: share of a Gaussian in the window of the subsets, 0 to 1; see `window_correlation`.
     """
-    correlation = block_correlation(grid, length_px)[np.ix_(used, used)]
-    root = np.sqrt(np.diag(correlation))
-    factor = np.asarray(np.linalg.cholesky(correlation / np.outer(root, root)), dtype=np.float64)
+    factor = _factor(grid, used, (length_px, gaussian))
     inverse = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
     return Whitener(factor, np.asarray(inverse), sigma_px)
 
 
-def block_correlation(grid: Grid, length_px: float) -> NDArray[np.float64]:
+def _factor(grid: Grid, used: NDArray[np.int64], window: tuple[float, float]) -> NDArray[np.float64]:
+    """(b, b) lower Cholesky factor of the correlation of block means for a window of given length and shape."""
+    correlation = block_correlation(grid, *window)[np.ix_(used, used)]
+    root = np.sqrt(np.diag(correlation))
+    return np.asarray(np.linalg.cholesky(correlation / np.outer(root, root)), dtype=np.float64)
+
+
+def block_correlation(grid: Grid, length_px: float, gaussian: float = 0.0) -> NDArray[np.float64]:
     """(blocks, blocks) covariance of the means of all blocks' points, in units of one point's variance."""
     blocks = Blocks.of(grid)
     rows, columns = blocks.layout
     block = blocks.block.reshape(grid.shape)
-    correlation = np.kron(_along(grid.y_px, block[:, 0] // columns, rows, length_px), _along(grid.x_px, block[0], columns, length_px))
+    correlation = np.kron(
+        _along(grid.y_px, block[:, 0] // columns, rows, (length_px, gaussian)), _along(grid.x_px, block[0], columns, (length_px, gaussian))
+    )
     return np.asarray(correlation, dtype=np.float64)
 
 
-def most_likely_length_px(grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]) -> float:
-    """Correlation length that maximises the likelihood of the rough part of residuals (f, b, 2); columns (b, k) span the rough part."""
+def most_likely_window(
+    grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Correlation length, px, and Gaussian share of the window that maximise the likelihood of the rough part of residuals (f, b, 2).
+
+    Lengths up to the subset edge with a square window come first. Other windows and greater lengths, as in maps that were smoothed or were
+    imported without their subset, are taken only where the data are much more likely.
+
+    Args:
+        grid: grid of the points.
+        used: (b,) indices of the used blocks.
+        residual: (f, b, 2) residuals, px.
+        rough: (b, k) columns that span the rough part.
+    """
     longest = float(max(grid.subset_px, grid.step_px))
-    best, best_length_px = -np.inf, longest
-    flat = np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1)
-    for length_px in np.unique(np.linspace(grid.step_px, longest, LENGTHS)):
-        factor = rough_cholesky(make_whitener(grid, used, float(length_px), 1.0), rough)
-        white = solve_triangular(factor, rough.T @ flat, lower=True, check_finite=False)
-        score = -0.5 * white.size * np.log(float(np.mean(white**2))) - flat.shape[1] * float(np.sum(np.log(np.diag(factor))))
-        if score > best:
-            best, best_length_px = score, float(length_px)
-    return best_length_px
+    flat = rough.T @ np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1)
+
+    def score(length_px: float, gaussian: float) -> float:
+        try:
+            factor = rough_cholesky(_factor(grid, used, (length_px, gaussian)), rough)
+        except np.linalg.LinAlgError:  # a window much longer than the blocks: singular in double precision
+            return -np.inf
+        white = solve_triangular(factor, flat, lower=True, check_finite=False)
+        volume = flat.shape[1] * float(np.sum(np.log(np.diag(factor))))
+        return -0.5 * white.size * float(np.log(float(np.mean(white**2)) or 1e-300)) - volume
+
+    usual = [(float(length_px), 0.0) for length_px in np.unique(np.linspace(grid.step_px, longest, LENGTHS))]
+    scores = [score(*window) for window in usual]
+    field_px = min(float(np.ptp(grid.x_px)), float(np.ptp(grid.y_px)))
+    beyond = np.geomspace(longest, max(field_px / 4.0, 1.1 * longest), OTHER_LENGTHS)
+    others = [(float(length_px), gaussian) for gaussian in OTHER_WINDOWS for length_px in (0.5 * longest, 0.75 * longest, *beyond)]
+    other_scores = [score(*window) for window in others]
+    best, other = int(np.argmax(scores)), int(np.argmax(other_scores))
+    odds = MIN_WINDOW_ODDS + MIN_WINDOW_ODDS_PER_NUMBER * flat.size
+    return others[other] if other_scores[other] > scores[best] + odds else usual[best]
 
 
-def rough_cholesky(whiten: Whitener, rough: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(k, k) lower Cholesky factor of the noise's correlation in the space of (b, k) orthonormal columns."""
-    half = rough.T @ whiten.factor
+def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, k) lower Cholesky factor, in the space of (b, k) orthonormal columns, of noise with a (b, b) factor of its correlation."""
+    half = rough.T @ factor
     return np.asarray(np.linalg.cholesky(half @ half.T), dtype=np.float64)
 
 
-def _along(position: NDArray[np.float64], member: NDArray[np.int64], count: int, length_px: float) -> NDArray[np.float64]:
-    """(count, count) mean of a triangular correlation between the points of each two groups along one axis."""
-    close = np.clip(1.0 - np.abs(np.subtract.outer(position, position)) / length_px, 0.0, None)
+def _along(position: NDArray[np.float64], member: NDArray[np.int64], count: int, window: tuple[float, float]) -> NDArray[np.float64]:
+    """(count, count) mean correlation between the points of each two groups along one axis, for a window of given length and shape."""
+    length_px, gaussian = window
+    distance_px = np.abs(np.subtract.outer(position, position))
+    close = window_correlation(distance_px, length_px, gaussian) if gaussian else np.clip(1.0 - distance_px / length_px, 0.0, None)
     share = (member[None, :] == np.arange(count)[:, None]).astype(np.float64)
     share /= share.sum(axis=1, keepdims=True)
     return np.asarray(share @ close @ share.T, dtype=np.float64)

@@ -118,7 +118,7 @@ def planned_run(observation: Observation, kind: ExperimentKind, scan_time_ratio:
     extra_scan_s = (scan_time_ratio - 1.0) * observation.state.frame_time(int(scene.frame[0])).timing.duration_s
     extra_hold_s = protocol["hold_s"] - float(scene.steps.since_step_s[0])
     interval_s = float(np.median(scene.start_s[1::2] - scene.start_s[::2])) + extra_scan_s
-    pair_interval_s = float(np.median(np.diff(scene.start_s[::2]))) + 2.0 * extra_scan_s + extra_hold_s
+    pair_interval_s = float(np.median(np.diff(scene.start_s[::2]) / np.diff(scene.pair[::2]))) + 2.0 * extra_scan_s + extra_hold_s
     steps = [(Phase.CALIBRATION, 0.0, tuple(value)) for value in protocol["calibration_shifts_px"]]
     steps += [(Phase.TENSION, load, (0.0, 0.0)) for load in protocol["loads_n"]]
     planned_steps = [

@@ -88,7 +88,7 @@ def simulate_baseline(before: HyperparameterGrid, run: PlannedRun, model_effects
         raise IllPosed("the planned run moves blocks out of the field: no forecast is possible; plan smaller moves")
     at = np.arange(simulated.frames) % observed.frames
     simulated = replace(simulated, geometry=replace(simulated.geometry, drift_rate_px_s=observed.geometry.drift_rate_px_s[at]))
-    columns = design(simulated, replace(whiten, sigma_px=whiten.sigma_px / np.sqrt(run.scan_time_ratio)))
+    columns = design(simulated, replace(whiten, sigma_px=whiten.sigma_px / np.sqrt(run.scan_time_ratio), over_frames=None))
     for model_effect in model_effects:
         basis_field = effect_class(model_effect.name).basis_field(simulated.geometry, dict(model_effect.values))
         if basis_field is not None:

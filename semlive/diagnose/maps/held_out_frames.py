@@ -181,7 +181,7 @@ def orthonormal_shapes(field: Array) -> Array:
 
 def smooth_columns(columns: DesignMatrix, frame: int) -> Array:
     """(b, 2, q) whitened polynomials in one frame."""
-    return _whitened(columns, list(np.moveaxis(modes(columns.observation.geometry, COARSE_POLYNOMIAL_ORDER)[frame], -1, 0)))
+    return _whitened(columns, frame, list(np.moveaxis(modes(columns.observation.geometry, COARSE_POLYNOMIAL_ORDER)[frame], -1, 0)))
 
 
 def _effects_in(columns: DesignMatrix, held_out: NDArray[np.bool_]) -> Array:
@@ -201,15 +201,18 @@ def _nuisances(columns: DesignMatrix, frame: int, within_px: float) -> tuple[Arr
     shapes, sizes_px = [np.ones_like(x), y, y * y], [FREE_PRIOR_PX, drift_px, drift_px]
     if scene.steps.gradient_free[frame]:
         shapes, sizes_px = [*shapes, x], [FREE_PRIOR_PX, FREE_PRIOR_PX, drift_px, FREE_PRIOR_PX]
-    return _whitened(columns, shapes), np.repeat(sizes_px, 2)
+    return _whitened(columns, frame, shapes), np.repeat(sizes_px, 2)
 
 
-def _whitened(columns: DesignMatrix, shapes: list[Array]) -> Array:
+def _whitened(columns: DesignMatrix, frame: int, shapes: list[Array]) -> Array:
     """(b, 2, 2 q) whitened shapes (b,) of one frame, along x and along y."""
     nothing = np.zeros_like(shapes[0])
     field = np.stack([np.stack(pair, axis=-1) for shape in shapes for pair in ((shape, nothing), (nothing, shape))], axis=-1)
     flat = solve_triangular(columns.whiten.factor, field.reshape(len(field), -1), lower=True) / columns.whiten.sigma_px
-    return np.asarray(flat).reshape(field.shape)
+    white = np.asarray(flat).reshape(field.shape)
+    if columns.whiten.over_frames is not None:  # correlation with the other frame of the pair is neglected here
+        white = white * np.array([inverse[frame, frame] for inverse in columns.whiten.over_frames])[:, None]
+    return white
 
 
 def _checkerboard(columns: DesignMatrix) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -24,6 +24,7 @@ TOLERANCE_STEPS = 1e-3  # tolerance of the search, in steps of the grid
 
 
 UNOBSERVABLE_PENALTY = 1e12
+MAX_EXPONENT = 500.0  # a double overflows at 709
 
 
 CURVATURE_STEP, MAX_SPREAD_STEPS = 0.1, 0.5  # steps of the grid: distance for the curvature, and largest step along the posterior
@@ -164,13 +165,32 @@ def _posterior_spread(line: _Line, mean: Array) -> tuple[float, Array]:
     top = line.score(0.0)
     curvature = 2.0 * top - line.score(-CURVATURE_STEP) - line.score(CURVATURE_STEP)
     distance = min(0.5 * CURVATURE_STEP / math.sqrt(curvature), MAX_SPREAD_STEPS) if curvature > 0.0 else MAX_SPREAD_STEPS
-    total, square, outer = 1.0, 0.0, np.zeros((len(mean),) * 2)
+    scores, squares, changes = [0.0], [0.0], [np.zeros(len(mean))]
     for steps in (distance, -distance):
         for place in range(1, MAX_POSTERIOR_STEPS):
             projected_field = line.project(steps * place) if line.low <= steps * place <= line.high else None
             if projected_field is None or (score := _score(line.objective, projected_field) - top) < -POSTERIOR_LOG_DEPTH:
                 break
-            weight, change = math.exp(score), projected_field.amplitudes(0, line.objective.size_px)[0] - mean
-            total, square = total + weight, square + weight * (line.at(steps * place) - line.at(0.0)) ** 2
-            outer += weight * np.outer(change, change)
+            scores.append(score)
+            squares.append((line.at(steps * place) - line.at(0.0)) ** 2)
+            changes.append(projected_field.amplitudes(0, line.objective.size_px)[0] - mean)
+    return posterior_moments(scores, squares, changes)
+
+
+def posterior_moments(scores: Sequence[float], squares: Sequence[float], changes: Sequence[Array]) -> tuple[float, Array]:
+    """Root mean square of a parameter's deviation, and mean outer product (q, q) of the changes of the amplitudes.
+
+    Where the data are far from the model, the start can be less likely than its surroundings by more than a number can hold.
+
+    Args:
+        scores: log likelihood of each value of the parameter, relative to the start.
+        squares: squared deviation of each value.
+        changes: (q,) change of the amplitudes at each value.
+    """
+    shift = max(0.0, max(scores) - MAX_EXPONENT)
+    total, square, outer = 0.0, 0.0, np.zeros((len(changes[0]),) * 2)
+    for score, distance2, change in zip(scores, squares, changes, strict=True):
+        weight = math.exp(score - shift)
+        total, square = total + weight, square + weight * distance2
+        outer += weight * np.outer(change, change)
     return math.sqrt(square / total), outer / total

@@ -15,6 +15,7 @@ from semlive.diagnose.baseline.model_effects import add_model_effects
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.projection import CandidateProjection
+from semlive.diagnose.baseline.whitening import Whitener
 from semlive.diagnose.maps.effect_selection import refine_parameters
 from semlive.model.effects import EffectClass
 
@@ -36,13 +37,25 @@ class Screening:
     candidates: tuple[CandidateEvidence, ...]
 
     @classmethod
-    def run(cls, observation: Observation, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect]) -> Screening:
+    def run(
+        cls,
+        observation: Observation,
+        families: Sequence[EffectClass],
+        model_effects: Sequence[ModelEffect],
+        whiten: Whitener | None = None,
+    ) -> Screening:
         """Score all effect classes.
+
+        Args:
+            observation: observation of a run.
+            families: effect classes to score.
+            model_effects: effects given by the user.
+            whiten: correlation of the noise, if it is not to be estimated.
 
         Raises:
             BadInput: a given effect is unknown or not observable in these data.
         """
-        baseline, model_fields = add_model_effects(noise_scaled_baseline(observation), model_effects)
+        baseline, model_fields = add_model_effects(noise_scaled_baseline(observation, whiten), model_effects)
         projections = project_candidates(baseline, families)
         return cls(baseline, model_fields, projections, refine_parameters(baseline, score_candidates(baseline, families, projections)))
 

@@ -28,6 +28,7 @@ from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.model.effects import EffectClass
 
 MAX_EFFECTS = 3
+MAX_WORK = 1.5e12  # multiplications of a search; three effects in 15 pairs need less than half, and a minute does about as many
 ALL_UNNAMED_CLASSES = (*UNNAMED_CLASSES, FINE_DISTORTION, FINE_DRIFT)
 """Candidates that are not reported as effects: unnamed fields, and terms of the baseline finer than its splines."""
 
@@ -45,6 +46,8 @@ class Search:
         fine_scale_candidates: candidates for components of the baseline finer than its splines.
         underresolved_splines: names of splines that are too coarse; their residual has been added to the baseline.
         residual_significant: whether the remaining residual is significant.
+        work: number of multiplications of the rounds so far, about.
+        truncated: whether the search ended before its criterion, because the next round would exceed `MAX_WORK`.
     """
 
     baseline: HyperparameterGrid
@@ -55,6 +58,8 @@ class Search:
     fine_scale_candidates: tuple[EffectClass, ...]
     underresolved_splines: tuple[str, ...]
     residual_significant: bool
+    work: float = 0.0
+    truncated: bool = False
 
 
 def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDraws, seed: int) -> Search:
@@ -91,8 +96,18 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
                 or len(state.effects) == MAX_EFFECTS
             ):
                 return state
-            state = _with_effect(state, candidates, best, p_value, dictionary, projections)
+            predicted = state.work + _round_work(state, candidates)
+            if predicted > MAX_WORK:
+                return replace(state, truncated=True)
+            state = _with_effect(replace(state, work=predicted), candidates, best, p_value, dictionary, projections)
         candidates = _score_remaining(state, dictionary, projections, (null.noise[0].shape[1], seed))
+
+
+def _round_work(state: Search, candidates: Sequence[CandidateEvidence]) -> float:
+    """Multiplications of the next round, about: every column of every candidate is solved at every point, again for each effect so far."""
+    columns = sum(field.values.shape[-1] for candidate in candidates for field in candidate.projected_fields)
+    grid = state.baseline_with_effects
+    return float(len(grid.points) * grid.design.size**2 * columns) * (1.0 + len(state.effects))
 
 
 def _score_remaining(

@@ -20,14 +20,18 @@ Array = NDArray[np.float64]
 SIZES_PX = (3e-4, 1.0)
 # Periods in knots: a cubic spline follows a wave of two knots not at all and a wave of four by nine tenths; shorter ones are row effects.
 DRIFT_KNOTS = (1.25, 4.0)
+MAX_RATES = 250  # four amplitudes each
 DISTORTION_KNOTS, MIN_WAVE_BLOCKS = 2.3, 2.0  # longest wave finer than the spline, in knots, and shortest observable wave, in blocks
 
 
 def _fine_drift(scene: RunGeometry, values: Values) -> BasisField:
-    """Waves of all periods between the limits, with amplitudes proportional to the period as in a random walk."""
+    """Waves of all periods between the limits, with amplitudes proportional to the period as in a random walk.
+
+    In long runs with long pauses only the longest periods are included, because their amplitudes are the largest.
+    """
     del values
     fastest, slowest = (1.0 / (knots * scene.drift_knot_s) for knots in DRIFT_KNOTS)
-    rates = np.arange(slowest, fastest, 1.0 / scene.end_s)
+    rates = np.arange(slowest, fastest, 1.0 / scene.end_s)[:MAX_RATES]
     columns = []
     for rate in rates:
         phase, size = 2.0 * np.pi * rate * scene.time_s, rates[0] / rate

@@ -14,6 +14,7 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws, overlap
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
+from semlive.diagnose.baseline.unequal_noise import unequal_noise
 from semlive.diagnose.maps.cross_validation import held_out_misfit
 from semlive.diagnose.maps.domain_tests import run_domain_tests
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR, SelectedEffect
@@ -60,6 +61,8 @@ def diagnose(
     )
     if result.needs_second_pass:
         result = _second_pass(result, families, model_effects, (draws, seed))
+    if result.effects or result.residual_significant:
+        result = _with_unequal_noise(result, families, model_effects, (draws, seed))
     baseline, baseline_with_effects, effects = result.search.baseline, result.baseline_with_effects, result.effects
     gap = held_out_misfit(baseline, baseline_with_effects, seed) if effects else None
     shares = strain_attenuation(baseline_with_effects, result.fields, len(model_effects))[len(model_effects) :]
@@ -74,6 +77,7 @@ def diagnose(
         evidence=_log_factors(result.search.initial_screening),
         overlap=shared,
         coarse=result.search.underresolved_splines,
+        truncated=result.search.truncated,
     )
     return replace(verdict, model_effects=tuple(model_effects), run=RunExtent(observation.geometry.end_s, (width, height)))
 
@@ -118,9 +122,15 @@ class SearchResult:
         )
 
     @property
+    def best_log_evidence(self) -> float:
+        """Log likelihood of the data with the effects, or with the most likely class of the first screening, unnamed ones included."""
+        first = max((candidate.log_factor for candidate in self.search.initial_screening), default=0.0)
+        return max(self.baseline_with_effects.log_evidence, self.search.baseline.log_evidence + first)
+
+    @property
     def needs_second_pass(self) -> bool:
         """Whether the effects may have biased the earlier selections, so that further effects compensate the error."""
-        return bool(self.effects) and (self.residual_significant or len(self.effects) == MAX_EFFECTS)
+        return bool(self.effects) and not self.search.truncated and (self.residual_significant or len(self.effects) == MAX_EFFECTS)
 
 
 def _second_pass(
@@ -141,6 +151,19 @@ def _second_pass(
         (result, SearchResult.run(repeated, families, model_effects, draws)),
         key=lambda candidate: candidate.baseline_with_effects.log_evidence,
     )
+
+
+def _with_unequal_noise(
+    result: SearchResult, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
+) -> SearchResult:
+    """Search with noise that differs between frames and places, if the data are more likely so than with effects and equal noise."""
+    noise = unequal_noise(result.search.baseline)
+    if noise is None:
+        return result
+    observation = result.search.baseline.design.observation
+    screening = Screening.run(observation, (*families, *UNNAMED_CLASSES), model_effects, noise.whiten)
+    other = SearchResult.run(CouplingChoice(observation, screening), families, model_effects, draws)
+    return other if other.best_log_evidence - noise.parameter_penalty > result.best_log_evidence else result
 
 
 def _prediction_changes(effect: RefinedEffect, observation: Observation, baseline_with_effects: HyperparameterGrid) -> bool:

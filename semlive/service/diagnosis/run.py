@@ -27,6 +27,7 @@ from semlive.model.effects.intensity import intensity_effect
 from semlive.model.effects.rows import row_effect
 from semlive.model.effects.stage import non_map_effect
 from semlive.service.diagnosis.images import ImageChannels, ImageData
+from semlive.service.diagnosis.long_runs import coarser_drift, pair_count, thinned
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.pairs import LogNotes, Maps, pairs_with_maps, topic_counts
 from semlive.service.log.settings import settings_of
@@ -61,7 +62,9 @@ def diagnose_log(
         seed,
         model_effects=observable_effects(observation, [effect for effect in model_effects if non_map_effect(effect.name) is None]),
     )
-    verdict = add_stage_evidence(replace(verdict, model_effects=tuple(model_effects)), stage_moves(observation, steps))
+    extent = replace(verdict.run, pairs=(len(steps), max(pair_count(log.path), len(steps))))
+    verdict = replace(verdict, model_effects=tuple(model_effects), run=extent)
+    verdict = add_stage_evidence(verdict, stage_moves(observation, steps))
     if verdict.experiment is not None:
         verdict = replace(verdict, experiment=ranked(verdict.experiment, forecast_experiments(observation, verdict, model_effects)))
     readings = load_readings(observation, steps, settings.specimen.loading_axis)
@@ -125,8 +128,9 @@ def _observed(
     limit_blas_threads()
     settings = settings_of(log.run)
     settings = replace(settings, estimate=replace(settings.estimate, method="joint"), model=EMPTY_MODEL)
-    state = None
-    for state in pipeline.follow(settings, _complete_pairs(log, notes, channels)):
+    state, count = None, pair_count(log.path)
+    settings = replace(settings, estimate=coarser_drift(settings.estimate, count))
+    for state in pipeline.follow(settings, thinned(_complete_pairs(log, notes, channels), count)):
         if watch is not None:
             watch("pair", len(state.pairs), len(state.pairs))
     if state is None:

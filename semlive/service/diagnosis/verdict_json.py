@@ -23,6 +23,8 @@ def diagnosis_json(verdict: Diagnosis) -> dict[str, object]:
         "evidence": dict(verdict.evidence),
         "overlap": dict(verdict.overlap),
         "coarse": list(verdict.coarse),
+        "truncated": verdict.truncated,
+        "pairs": {"used": verdict.run.pairs[0], "of": verdict.run.pairs[1]},
         "rows": _rows_json(verdict),
         "grey": _grey_json(verdict),
     }

@@ -15,6 +15,30 @@ from semlive.service.config.sections import reject_unknown_keys
 IMPORTED = "imported"
 
 
+class ImportNoise(BaseModel):
+    """Correlation of the maps' noise over neighbouring points.
+
+    Attributes:
+        subset_px: edge of the subset of all maps of the log, px: points in it are worth one; 0 for independent points.
+        source: ``given`` by the option, ``maps`` for the value in the maps, ``estimated`` from their noise, or ``assumed``.
+        edge_px: edge of the square with the estimated area of correlation, px; `subset_px` is at most a sixth of the field.
+        sigma_px: standard deviations of u and v of maps within pairs, px, if estimated.
+        gaussian: share of a Gaussian in the window, 0 to 1, if estimated.
+        own_fraction: fraction of the variance that is each point's own, if estimated.
+        maps: number of maps in the estimate.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    subset_px: int
+    source: Literal["given", "maps", "estimated", "assumed"]
+    edge_px: float | None = None
+    sigma_px: tuple[float, float] | None = None
+    gaussian: float | None = None
+    own_fraction: float | None = None
+    maps: int = 0
+
+
 class ImportSection(BaseModel):
     """Source of the disparity maps."""
 
@@ -23,6 +47,7 @@ class ImportSection(BaseModel):
     format: Literal[1] = 1
     folder: str
     engines: tuple[str, ...]
+    noise: ImportNoise | None = None
 
 
 class ImportConfig(BaseModel):

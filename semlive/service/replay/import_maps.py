@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import re
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.experiment import Step
@@ -23,17 +25,19 @@ from semlive.formats.log.maps import encode_map
 from semlive.formats.log.messages import DIC_MAP, DicMessage, RunMessage
 from semlive.formats.log.writer import LogWriter
 from semlive.formats.tables.disparity_grid import check_inside, grid_of, map_on
-from semlive.formats.tables.disparity_table import read_disparity_table
+from semlive.formats.tables.disparity_table import DisparityTable, read_disparity_table
 from semlive.formats.tables.frame_table import FrameRow, read_frame_table
 from semlive.inputs.files import read_regular
 from semlive.service.log.files import PARTIAL_SUFFIX, messages
-from semlive.service.log.settings import ImportConfig, ImportSection, is_imported
+from semlive.service.log.settings import ImportConfig, ImportNoise, ImportSection, is_imported
+from semlive.service.replay.import_noise import noise_of
 from semlive.service.runtime.versions import versions
 
 FRAMES = "frames.csv"
 ZERO_NS = 946_684_800_000_000_000
 """Origin of the time axis of the tables, which have no date: 2000-01-01, UTC ns."""
 _NAME = re.compile(r"disparity_(\d{1,9})_(\d{1,9})\.(?:csv|txt|dat)", re.IGNORECASE)
+NOISE_MAPS = 6  # maps within pairs from which the correlation of the noise is estimated
 _MAX_BYTES = 10**9
 """Largest size of a file; a map with the largest number of points, ten million, is smaller."""
 _DAMAGED = "cannot be {0} ({1}); check the path and its permissions."
@@ -48,7 +52,7 @@ class ImportRequest:
         log: the log to write.
         specimen: properties of the specimen.
         dialect: file format of the maps; None detects it from the header of each file.
-        subset_px: edge of the subset of the DIC program, px; None takes the value in the files, or 0 without one.
+        subset_px: edge of the subset of the DIC program, px; None takes the value in the files, or else an estimate from their noise.
     """
 
     folder: Path
@@ -68,6 +72,7 @@ class ImportSummary:
         grid: grid of all maps.
         engines: file formats of the maps.
         skipped: names of maps that belong to no pair of `frames.csv`.
+        noise: correlation of the noise over points, and its source.
     """
 
     pairs: int
@@ -75,6 +80,7 @@ class ImportSummary:
     grid: Grid
     engines: tuple[str, ...]
     skipped: tuple[str, ...]
+    noise: ImportNoise
 
 
 def import_folder(request: ImportRequest, progress: Callable[[int, int], None] | None = None) -> ImportSummary:
@@ -106,8 +112,8 @@ def import_folder(request: ImportRequest, progress: Callable[[int, int], None] |
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
-    grid, engines = done
-    return ImportSummary(len(rows) // 2, len(used), grid, engines, skipped)
+    grid, engines, noise = done
+    return ImportSummary(len(rows) // 2, len(used), grid, engines, skipped, noise)
 
 
 def _write(
@@ -116,8 +122,8 @@ def _write(
     files: dict[tuple[int, int], Path],
     writer: LogWriter,
     progress: Callable[[int, int], None] | None,
-) -> tuple[Grid, tuple[str, ...]]:
-    first, grid, engines = rows[0], None, ()
+) -> tuple[Grid, tuple[str, ...], ImportNoise]:
+    first, grid, noise, engines = rows[0], None, None, ()
     for pair, (row, next_row) in enumerate(zip(rows[::2], rows[1::2], strict=True)):
         decision = _decision(row, next_row)
         end_ns = decision.second.end_time_ns
@@ -126,9 +132,10 @@ def _write(
             table = read_disparity_table(_read(path), path.name, request.dialect)
             check_inside(table, first.width, first.height)
             if grid is None:
-                grid = grid_of(table, table.subset_px if request.subset_px is None else request.subset_px)
+                noise = noise_of(request.subset_px, table, lambda: _within_pairs(request, rows, files))
+                grid = grid_of(table, noise.subset_px)
                 engines = (table.dialect.name,)
-                writer.write("/run", _run(request, engines, first), _ns(first.start_s), _ns(first.start_s))
+                writer.write("/run", _run(request, engines, first, noise), _ns(first.start_s), _ns(first.start_s))
             if reference == row.frame:
                 writer.write("/pair", values.pair_message(decision), end_ns, end_ns)
             disparity = map_on(table, grid, reference, current)
@@ -140,7 +147,18 @@ def _write(
         if progress is not None:
             progress(pair + 1, len(rows) // 2)
     assert grid is not None  # there is a pair, and it has a map
-    return grid, engines
+    assert noise is not None
+    return grid, engines, noise
+
+
+def _within_pairs(request: ImportRequest, rows: tuple[FrameRow, ...], files: dict[tuple[int, int], Path]) -> Iterator[DisparityTable]:
+    """Maps within pairs, spread over the run."""
+    first = rows[::2]
+    for at in sorted({round(place) for place in np.linspace(0, len(first) - 1, NOISE_MAPS)}):
+        path = files[first[at].frame, first[at].frame + 1]
+        table = read_disparity_table(_read(path), path.name, request.dialect)
+        check_inside(table, first[at].width, first[at].height)
+        yield table
 
 
 def _maps_of(pair: int, files: dict[tuple[int, int], Path]) -> list[tuple[int, int]]:
@@ -193,9 +211,9 @@ def _check_overwriting(log: Path) -> None:
         raise BadInput(f"{log}: exists and was not written by an import; give another name with -o.")
 
 
-def _run(request: ImportRequest, engines: tuple[str, ...], first: FrameRow) -> RunMessage:
+def _run(request: ImportRequest, engines: tuple[str, ...], first: FrameRow, noise: ImportNoise) -> RunMessage:
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", request.folder.resolve().name).strip("-.") or "imported"
-    config = ImportConfig(imported=ImportSection(folder=str(request.folder), engines=engines), specimen=request.specimen)
+    config = ImportConfig(imported=ImportSection(folder=str(request.folder), engines=engines, noise=noise), specimen=request.specimen)
     return RunMessage(
         run=name,
         started_time_ns=_ns(first.start_s),
@@ -257,4 +275,5 @@ def as_json(request: ImportRequest, done: ImportSummary) -> dict[str, object]:
         "grid": asdict(done.grid),
         "from": list(done.engines),
         "left_out": list(done.skipped),
+        "noise": done.noise.model_dump(mode="json"),
     }

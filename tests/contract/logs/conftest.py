@@ -35,9 +35,9 @@ def folder(experiment: Experiment, tmp_path_factory: pytest.TempPathFactory) -> 
 
 @pytest.fixture(scope="session")
 def imported(folder: Path) -> Path:
-    """The folder as a log."""
+    """The folder as a log, its points stated to be independent."""
     log = folder.with_name("tension.mcap")
-    import_folder(ImportRequest(folder, log, SpecimenSettings(area_mm2=AREA_MM2)))
+    import_folder(ImportRequest(folder, log, SpecimenSettings(area_mm2=AREA_MM2), subset_px=0))
     return log
 
 
@@ -46,5 +46,5 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of four calibration pairs."""
     folder = tmp_path_factory.mktemp("short") / "short"
     write_folder(make_experiment(CASES["smooth"], 5, Grid(101, 101, 50, 15, 12, 0), calibration_pairs=4), folder)
-    import_folder(ImportRequest(folder, folder.with_name("short.mcap")))
+    import_folder(ImportRequest(folder, folder.with_name("short.mcap"), subset_px=0))
     return folder.with_name("short.mcap")

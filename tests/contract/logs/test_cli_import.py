@@ -32,7 +32,10 @@ def test_the_command_writes_a_log_and_says_so_in_one_object(semlive: Semlive, fo
     said = json.loads(out)
     assert said["pairs"] == 12
     assert said["maps"] == 23
-    assert said["grid"] == {"x0_px": 101, "y0_px": 101, "step_px": 25, "nx": 30, "ny": 24, "subset_px": 0}
+    subset_px = said["grid"].pop("subset_px")
+    assert said["grid"] == {"x0_px": 101, "y0_px": 101, "step_px": 25, "nx": 30, "ny": 24}
+    assert subset_px == pytest.approx(43, abs=6)  # of the noise in the maps, which do not state it
+    assert (said["noise"]["subset_px"], said["noise"]["source"], said["noise"]["maps"]) == (subset_px, "estimated", 6)
     assert said["from"] == ["semlive"]
     assert log.is_file()
     assert list(tmp_path.iterdir()) == [log]
@@ -144,3 +147,20 @@ def test_images_cannot_be_replayed_where_there_are_none(semlive: Semlive, import
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     assert "holds no images" in err
+
+
+def test_the_source_of_the_noise_correlation_is_printed_and_stored(semlive: Semlive, folder: Path, tmp_path: Path) -> None:
+    log = tmp_path / "given.mcap"
+    code, out, _ = semlive("import", str(folder), "-o", str(log), "--subset-px", "31")
+    assert code == 0
+    assert "correlated over 31 px, as given with --subset-px" in " ".join(out.split())
+    config = next(json.loads(one.payload)["config"] for one in messages(log) if one.topic == "/run")
+    assert config["imported"]["noise"] == {
+        "subset_px": 31,
+        "source": "given",
+        "edge_px": None,
+        "sigma_px": None,
+        "gaussian": None,
+        "own_fraction": None,
+        "maps": 0,
+    }
