@@ -24,6 +24,8 @@ SEPARATORS = ("\t", ";", ",", " ")
 """Separators that are detected; a blank means any sequence of blanks."""
 Rows = list[tuple[int, list[str]]]
 """Line number, from 1, and cells of each line of numbers."""
+_GROUPED = re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*")
+"""A number with groups of three digits and a decimal comma, which is refused by name."""
 _NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]|\{[^}]*\}')
 
 
@@ -57,7 +59,9 @@ def is_possible_separator(separator: str, line: str) -> bool:
     if any(sign in unquoted for sign in "\t;"):
         return False
     cells = split(unquoted, " ")
-    return "," not in unquoted or (is_line_of_numbers(cells) and not any(cell.endswith(",") for cell in cells))
+    # In "92.90,477 171.76" the comma separates, and a blank groups digits.
+    plain = not any(cell.endswith(",") or ("," in cell and "." in cell and not _GROUPED.fullmatch(cell)) for cell in cells)
+    return "," not in unquoted or (is_line_of_numbers(cells) and plain)
 
 
 def names_above(lines: Sequence[str], start: int, separator: str, cells: int) -> tuple[list[str], int]:

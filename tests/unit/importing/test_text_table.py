@@ -151,3 +151,8 @@ def test_text_between_names_and_numbers_leaves_a_comma_ambiguous() -> None:
     with pytest.raises(AmbiguousTable, match="line 2: may hold units or names"):
         read(text, 1, searched=200)
     assert read(text.replace("Kraft, s", "Kraft"), "Kraft", given=Convention(decimal=","), searched=200)[1] == [[9643.179], [15343.259]]
+
+
+def test_a_blank_that_groups_digits_is_no_separator() -> None:
+    layout = layout_of(["92.90,477 171.76", "-10.76,220 719.79"], "load.txt", lambda _: (1,))
+    assert (layout.separator, layout.decimal) == (",", ".")
