@@ -6,7 +6,7 @@ import math
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import groupby
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, settings
 from semlive.cli.app import run_app
 from semlive.cli.shared import progress_bar
 from semlive.service.runtime.blas import limit_blas_threads
+from semlive_drivers.endpoint_lock import _LOCKS
 
 # How long an example takes by the wall says how busy the computer is; where it matters a test counts its own processor time.
 settings.register_profile("semlive", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -26,6 +27,15 @@ settings.load_profile("semlive")
 def sums_in_one_order() -> None:
     """As in every analysis; choices that lie close together may fall otherwise with sums in another order."""
     limit_blas_threads()
+
+
+@pytest.fixture(autouse=True)
+def no_endpoint_stays_reserved() -> Iterator[None]:
+    """A link that a test left open reserves its line to the end of the process, and the next test of another process gets the same name."""
+    before = set(_LOCKS)
+    yield
+    for name in set(_LOCKS) - before:
+        _LOCKS[name].lock.release()
 
 
 @pytest.fixture

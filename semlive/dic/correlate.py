@@ -23,7 +23,7 @@ from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distanc
 from semlive.dic.second_estimate import SecondEstimates, confirm, second_estimates
 from semlive.dic.uncertainty import noise_variance
 from semlive.errors import BadInput
-from semlive.kernels import images, interface
+from semlive.kernels import images, interface, spline_sampling
 from semlive.kernels.fourth_order_matrix import QUARTIC
 from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
 from semlive.kernels.local_planes import fit_local_planes
@@ -310,6 +310,7 @@ def warm_up(settings: DicSettings) -> None:
     current = np.roll(image, 1, axis=1)
     correlate(reference, current, small, reference_frame=0, current_frame=1)
     images.to_float32_grey(image.astype(np.uint16))
+    spline_sampling.sample(images.coefficients(image.astype(np.float32)), *np.zeros((2, 1, 1), dtype=np.float32))  # by the global method
     no_points = np.zeros((1, 1), dtype=np.bool_)
     gradient_grey_sums(reference.sums)  # needed where the noise grows with the grey level
     fit_local_planes(np.zeros((1, 1)), np.zeros((1, 1)), no_points, no_points, 1)  # not needed by a pair without outliers

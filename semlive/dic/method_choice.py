@@ -17,8 +17,8 @@ from semlive.dic.second_estimate import is_doubtful
 MIN_MEASURED_FRACTION = 0.5  # of the points with contrast that both frames show; below, the global method is used
 # Speckle gives more than 0.9 of them, six pairs of atomic force microscopes and SEM 0.00 to 0.44.
 MIN_MEASURED_DIFFICULT = 0.95  # the same where the texture is difficult for subsets: 0.60 to 0.80 in scenes with wrong points of subsets
-# Contrast over slope of the texture, relative to the subset: speckle of 6.7 px has 0.074 to 0.081, weak textures 0.094 and more.
-MAX_LENGTH = 0.088
+# Contrast over slope of the texture, px: speckle of 6.7 px has 3.2 to 3.6, weak textures 4.0 and more.
+MAX_LENGTH_PX = 3.78
 MAX_NOISE_VARIANCE = 0.33  # of the variance of the texture; noise of 20 grey levels on speckle has 0.28
 MAX_MISFIT = 0.03  # of the variance of the texture: residual beyond noise; 0.015 with curvature or saturation
 CHANGED_NOISE = 2.0  # times the noise variance of the reference: residual if the current frame has 0.6 times the contrast
@@ -48,7 +48,7 @@ def choose_map(
     few = auto and too_few_measured(disparity)
     if doubtful and not few:
         disparity = confirmed()
-    if few or (auto and too_few_measured(disparity, MIN_MEASURED_DIFFICULT) and is_difficult(measured, noise_grey)):
+    if few or (auto and too_few_measured(disparity, MIN_MEASURED_DIFFICULT) and is_difficult(measured, noise_grey, settings.subset_px)):
         other = by_global_method()
         if np.count_nonzero(other.valid) > np.count_nonzero(disparity.valid):
             return other
@@ -71,7 +71,7 @@ def too_few_measured(disparity: DisparityMap, min_fraction: float = MIN_MEASURED
     return (few and ambiguous <= MAX_AMBIGUOUS_FRACTION * with_contrast) or with_contrast < MIN_CONTRAST_FRACTION * points
 
 
-def is_difficult(measured: PointMeasurements, noise_grey: float) -> bool:
+def is_difficult(measured: PointMeasurements, noise_grey: float, subset_px: int) -> bool:
     """Whether the texture is difficult for subsets: coarse, weak compared with noise, or different in both frames.
 
     In such a texture a subset that is displaced by half a pixel is not conspicuous. In a pattern of fine speckle it is, and there lost
@@ -80,14 +80,17 @@ def is_difficult(measured: PointMeasurements, noise_grey: float) -> bool:
     Args:
         measured: measurements by subsets.
         noise_grey: standard deviation of the noise of the reference.
+        subset_px: edge of the subsets.
     """
     valid = measured.valid
     if not valid.any():
         return False
     variance = noise_grey**2
     texture = max(float(np.median(measured.contrast[valid])) - variance, 1e-9)
-    residual, length = float(np.median(measured.residual[valid])), float(np.median(measured.length[valid]))
-    return length > MAX_LENGTH or variance > MAX_NOISE_VARIANCE * texture or residual > CHANGED_NOISE * variance + MAX_MISFIT * texture
+    residual, length_px = float(np.median(measured.residual[valid])), subset_px * float(np.median(measured.length[valid]))
+    return (
+        length_px > MAX_LENGTH_PX or variance > MAX_NOISE_VARIANCE * texture or residual > CHANGED_NOISE * variance + MAX_MISFIT * texture
+    )
 
 
 def measure_globally(

@@ -19,7 +19,8 @@ from semlive.cli.shared.simulator import running_simulator
 
 from .conftest import Instrument
 
-RATE = 12.0
+RATE = 6.0
+"""At 12 the analysis of a busy computer was more than two pairs behind when the field was brought back."""
 SCENARIO = """
 extends: paper_x10000
 scan: {width_px: 200, height_px: 172, frame_time_s: 1.2, integrations: 4}

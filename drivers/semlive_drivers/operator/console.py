@@ -64,8 +64,9 @@ class Console:
         question = _Question(next(self._numbers), text, callback, response)
         with self._lock:
             self._open_questions.append(question)
-        self._show(text)
+        # Published first: an answer to what is shown can come at once, and the log holds the question before it.
         self._publish(OperatorPrompt(PromptEvent.PROMPT, text, question.number, response))
+        self._show(text)
         self._start_thread()
 
     def answer(self, question: int, line: str) -> bool:

@@ -38,7 +38,7 @@ def read_profile_table(data: bytes, where: str) -> dict[tuple[float, float], NDA
     """
     lines = lines_of(text_of(data, where))
     layout = layout_of(lines, where, _places)
-    keys = [column.key for column in layout.columns]
+    keys = [key_of(column.raw) for column in layout.columns]
     at = {name: keys.index(key_of(name)) for name in COLUMNS}
     profiles: dict[tuple[float, float], list[tuple[float, ...]]] = {}
     for number, line in enumerate(lines[layout.first_line - 1 :], layout.first_line):
@@ -60,7 +60,7 @@ def read_profile_table(data: bytes, where: str) -> dict[tuple[float, float], NDA
 
 
 def _places(columns: tuple[Column, ...]) -> tuple[int, ...]:
-    keys = [column.key for column in columns]
+    keys = [key_of(column.raw) for column in columns]
     for name in COLUMNS:
         if keys.count(key_of(name)) != 1:
             problem = "is missing" if key_of(name) not in keys else "occurs twice"

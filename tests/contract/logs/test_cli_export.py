@@ -158,7 +158,7 @@ def test_what_cannot_be_written_is_one_sentence_and_leaves_nothing(semlive: Seml
     code, out, err = semlive("export", str(imported), "--format", "csv", "-o", str(tmp_path / "taken" / "out"))
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
-    code, out, err = semlive("export", str(imported), "--format", "hdf5", "-o", str(tmp_path / "nowhere" / "out.h5"))
+    code, out, err = semlive("export", str(imported), "--format", "hdf5", "-o", str(tmp_path / "taken" / "out.h5"))
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     code, out, err = semlive("export", str(imported), "--format", "hdf5", "-o", str(tmp_path / "out.h5"), "--set", "estimate.window=500")

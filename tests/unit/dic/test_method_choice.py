@@ -38,12 +38,12 @@ def chosen(points, measured, settings=AUTO, *, confirmed=99, by_field=98):
 
 
 def test_a_texture_is_difficult_if_it_is_coarse_weak_or_changes():
-    assert not is_difficult(measurements(), 2.0)
-    assert is_difficult(measurements(length=0.1), 2.0)
-    assert is_difficult(measurements(contrast=16.0), 2.0)  # 12 of the texture and 4 of the noise
-    assert is_difficult(measurements(residual=20.0), 2.0)
+    assert not is_difficult(measurements(), 2.0, 43)
+    assert is_difficult(measurements(length=0.1), 2.0, 43)
+    assert is_difficult(measurements(contrast=16.0), 2.0, 43)  # 12 of the texture and 4 of the noise
+    assert is_difficult(measurements(residual=20.0), 2.0, 43)
     lost = replace(measurements(length=0.1), status=np.full(GRID.shape, PoiStatus.NOT_CONVERGED, np.uint8))
-    assert not is_difficult(lost, 2.0)
+    assert not is_difficult(lost, 2.0, 43)
 
 
 @pytest.mark.parametrize(
