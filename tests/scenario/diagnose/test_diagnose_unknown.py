@@ -108,7 +108,7 @@ def test_without_its_name_an_effect_is_unknown(drifting: Observation) -> None:
     found = diagnose(drifting, dictionary=[effect_class(name) for name in names], draws=DRAWS)
 
     assert found.outcome is Outcome.UNKNOWN
-    assert [item.name for item in found.effects] == ["refocus_magnification_step"]  # the closest is told
+    assert [item.name for item in found.effects] == ["refocus_magnification_step"]  # the closest is named
 
 
 def test_a_bump_that_grows_with_the_square_of_time_is_no_uneven_strain() -> None:

@@ -131,7 +131,7 @@ def test_what_has_happened_or_goes_with_moves_reports_nothing_of_a_parked_run(tu
     printed = expected_odds(ahead, [yaw, jump, rotation])
     assert printed[0, 1] == printed[1, 0] == 0.0
     assert printed[0, 2] == pytest.approx(printed[1, 2])
-    assert printed[0, 2] > 0.0  # nothing is heard, and that tells against what should be
+    assert printed[0, 2] > 0.0  # no effect is detected, which is evidence against one that should be visible
 
 
 def test_what_is_left_open_gets_the_experiments_that_decide_with_the_most_a_minute_first(turning: Observation) -> None:

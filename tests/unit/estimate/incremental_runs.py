@@ -22,7 +22,7 @@ from semlive.estimate.joint.solution.posterior import Solution
 
 GRID = Grid(40, 40, 20, 10, 8, 43)
 PHASES = (Phase.CALIBRATION, Phase.CALIBRATION, Phase.TRANSLATION, Phase.CALIBRATION, Phase.TENSION, Phase.TENSION)
-UNSURE = (0, 2, 3, 5)  # pairs whose frames began a little earlier or later than they are told to have
+UNSURE = (0, 2, 3, 5)  # pairs whose frames began a little earlier or later than stated
 SETTINGS = EstimateSettings(drift_knots_per_frame=1.0, distortion_knot_px=80.0)
 
 
