@@ -10,11 +10,11 @@ from semlive.dic.bands import correlate_tiled, is_large
 from semlive.dic.correlate import correlate, warm_up
 from semlive.dic.grid import grid_for
 from semlive.dic.hold_drift import hold_drift
+from semlive.dic.image_quality.no_points import NoPointsCause, NoPointsReason, explain_no_points, has_few_points
+from semlive.dic.image_quality.quality import quality
+from semlive.dic.image_quality.recommendation import recommend
 from semlive.dic.incremental import advance, begin, compose_maps
 from semlive.dic.integration_blur import IntegrationBlur, blur_of_pair, correlate_with_matched_blur, missing_blur
-from semlive.dic.no_points import NoPointsCause, NoPointsReason, explain_no_points, has_few_points
-from semlive.dic.quality import quality
-from semlive.dic.recommendation import recommend
 from semlive.dic.reference import Reference, prepare
 from semlive.dic.row_registration import register_rows, row_jitter
 

@@ -23,12 +23,14 @@ from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distanc
 from semlive.dic.second_estimate import SecondEstimates, confirm, second_estimates
 from semlive.dic.uncertainty import noise_variance
 from semlive.errors import BadInput
-from semlive.kernels import images, interface, spline_sampling
-from semlive.kernels.fourth_order_matrix import QUARTIC
-from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
+from semlive.kernels import arrays, images
 from semlive.kernels.local_planes import fit_local_planes
 from semlive.kernels.shot_noise import gradient_grey_sums
-from semlive.kernels.spline import CUBIC, QUINTIC
+from semlive.kernels.splines import spline_sampling
+from semlive.kernels.splines.spline import CUBIC, QUINTIC
+from semlive.kernels.subset_matching import interface
+from semlive.kernels.subset_matching.fourth_order_matrix import QUARTIC
+from semlive.kernels.subset_matching.icgn import SEED_FROM_NEIGHBOUR, SEEDED, SKIP
 from semlive.kernels.threads import run_pair_in_parallel
 
 FINAL = np.zeros(256, dtype=np.bool_)  # by status: no further attempt
@@ -81,7 +83,7 @@ def correlate(
         return matches, smooth_field(matches, reference.grid) if len(matches) else None
 
     (matches, guess), interpolator = run_pair_in_parallel(
-        guessed, lambda: images.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= interface.PIXEL_CHUNK
+        guessed, lambda: images.interpolator(current, ORDER[settings.interpolation]), worth=current.size >= arrays.PIXEL_CHUNK
     )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
     measurements = point_measurements(reference, solutions, settings)

@@ -24,7 +24,7 @@ from semlive.dic.correlate import correlate
 from semlive.dic.grid import grid_for
 from semlive.dic.method_choice import too_few_measured
 from semlive.dic.reference import Reference, prepare
-from semlive.kernels.bilinear import interpolate_bilinear
+from semlive.kernels.splines.bilinear import interpolate_bilinear
 
 MIN_TRACKED_FRACTION = 0.95  # of the initial number of points; below it, a new reference is used
 MIN_ZNCC_FRACTION = 0.9  # of the initial median ZNCC

@@ -14,10 +14,11 @@ from semlive.data.settings import DicSettings
 from semlive.dic.initial_guess.search import InitialGuessReference, prepare_coarse
 from semlive.dic.shot_noise import NoiseFactors, ShotNoise, estimate_shot_noise, noise_factors
 from semlive.errors import BadInput
-from semlive.kernels import images, interface
-from semlive.kernels.fourth_order_matrix import QUARTIC
+from semlive.kernels import arrays, images
+from semlive.kernels.subset_matching import interface
+from semlive.kernels.subset_matching.fourth_order_matrix import QUARTIC
+from semlive.kernels.subset_matching.warp import AFFINE, QUADRATIC
 from semlive.kernels.threads import run_pair_in_parallel
-from semlive.kernels.warp import AFFINE, QUADRATIC
 
 PARAMETERS = {"affine": AFFINE, "quadratic": QUADRATIC, "quartic": QUARTIC}  # of a shape function
 SOBEL_VARIANCE = 0.1875  # sum of squares of the Sobel stencil / 8
@@ -124,7 +125,7 @@ def prepare(
     coarse, statistics = run_pair_in_parallel(
         lambda: prepare_coarse(f, grid, settings.search_px),
         lambda: frame_statistics(np.ascontiguousarray(f[part]), None if usable is None else np.ascontiguousarray(usable[part]), used),
-        worth=f.size >= interface.PIXEL_CHUNK,
+        worth=f.size >= arrays.PIXEL_CHUNK,
     )
     return prepare_part(f, usable, grid, settings, statistics, coarse)
 

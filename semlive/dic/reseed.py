@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.kernels import interface
+from semlive.kernels.subset_matching import interface
 
 MIN_DISCREPANCY_PX = 1.0  # guesses that differ by more belong to different motions
 

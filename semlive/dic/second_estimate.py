@@ -20,10 +20,11 @@ from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.outlier_rejection import HIGH_NOISE_VARIANCE, PointMeasurements
 from semlive.dic.reference import Reference, gradient_gain
-from semlive.kernels import images, interface
-from semlive.kernels.icgn import SEEDED, SKIP
+from semlive.kernels import images
 from semlive.kernels.local_planes import fit_local_planes
-from semlive.kernels.warp import AFFINE
+from semlive.kernels.subset_matching import interface
+from semlive.kernels.subset_matching.icgn import SEEDED, SKIP
+from semlive.kernels.subset_matching.warp import AFFINE
 
 MIN_DOUBTFUL = (
     0.45  # of the converged points refused: the noise model is not valid; 0.51 to 1 on AFM frames, 0.32 at most in 40 hard scenes

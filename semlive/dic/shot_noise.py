@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.kernels.interface import SubsetSums
 from semlive.kernels.shot_noise import gradient_grey_sums
+from semlive.kernels.subset_matching.interface import SubsetSums
 
 # Difference along both axes that passes least of the speckle: fourth differences, 0.6 grey levels of speckle of 3.3 px.
 STENCIL = np.array([1.0, -4.0, 6.0, -4.0, 1.0])

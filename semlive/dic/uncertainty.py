@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from semlive.kernels.subpixel_phases import phases
+from semlive.kernels.subset_matching.subpixel_phases import phases
 
 TINY = np.finfo(np.float32).eps
 ROUNDING_VARIANCE = 1.0 / 12.0  # of one grey level

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from semlive.kernels.spline import ROWS_PER_BATCH, filter_rows
+from semlive.kernels.splines.spline import ROWS_PER_BATCH, filter_rows
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.kernels import gradient_statistics, icgn, spline, subsets
-from semlive.kernels.interface import checked, lines_at_once
+from semlive.kernels import gradient_statistics
+from semlive.kernels.arrays import checked, lines_at_once
 from semlive.kernels.interpolate import LANES
 from semlive.kernels.order_statistics import middle_bits
+from semlive.kernels.splines import spline
+from semlive.kernels.subset_matching import icgn, subsets
 from semlive.kernels.threads import parallel_chunks
 
 MIN_EDGE_PX = 4

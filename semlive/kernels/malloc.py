@@ -8,7 +8,7 @@ RETAINED_BYTES = 31 << 20  # below the 32 MB from which the GNU C library asks t
 
 
 def keep_freed_memory() -> None:
-    """Have the C library keep up to twice HELD_BYTES of freed memory instead of giving it back to the system.
+    """Have the C library keep up to twice RETAINED_BYTES of freed memory instead of giving it back to the system.
 
     The GNU C library learns from the largest block that was freed how large blocks usually are, up to 32 MB, and keeps twice as
     much. A pair of 1024 x 884 px takes 40 MB in pieces of at most 11; without this they are given back after each pair, and

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from semlive.kernels.interface import checked
+from semlive.kernels.arrays import checked
 from semlive.kernels.threads import parallel_chunks
 
 MARGIN_PX = 3  # no row or column nearer to the frame's edge: gradients reach 3 px, taps of the spline 2

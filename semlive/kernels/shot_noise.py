@@ -6,7 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from semlive.kernels.interface import ROW_CHUNK, SubsetSums
+from semlive.kernels.arrays import ROW_CHUNK
+from semlive.kernels.subset_matching.interface import SubsetSums
 from semlive.kernels.threads import parallel_chunks
 
 SUMS = 3  # gx gx f, gx gy f, gy gy f

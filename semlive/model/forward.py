@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.drift import FrameTime
-from semlive.kernels.spline_columns import evaluate_curve, evaluate_surface
+from semlive.kernels.splines.spline_columns import evaluate_curve, evaluate_surface
 from semlive.model.distortion import DistortionSpline
 from semlive.model.drift import DriftSpline
 from semlive.model.effect import Axis, Columns, Effect, FrameObservation, Layout, TensorColumns

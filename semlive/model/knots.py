@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline
 
-from semlive.kernels.spline_columns import piecewise
+from semlive.kernels.splines.spline_columns import piecewise
 
 Field = NDArray[np.float64]
 

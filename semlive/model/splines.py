@@ -9,7 +9,7 @@ from functools import cache, lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from semlive.kernels.spline_columns import evaluate_piecewise
+from semlive.kernels.splines.spline_columns import evaluate_piecewise
 
 
 @dataclass(frozen=True, slots=True)

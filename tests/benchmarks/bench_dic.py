@@ -37,8 +37,9 @@ from semlive.data.settings import DicSettings
 from semlive.dic.correlate import ORDER, solve
 from semlive.dic.initial_guess.fields import smooth_field
 from semlive.dic.initial_guess.search import match
-from semlive.kernels import images, interface, threads
-from semlive.kernels.icgn import SEED_FROM_NEIGHBOUR
+from semlive.kernels import images, threads
+from semlive.kernels.subset_matching import interface
+from semlive.kernels.subset_matching.icgn import SEED_FROM_NEIGHBOUR
 
 RUNS = 15
 TURNS = 3  # of RUNS, for ratios

@@ -10,8 +10,9 @@ from semlive.data.settings import DicSettings
 from semlive.dic.correlate import solve
 from semlive.dic.initial_guess.search import match
 from semlive.dic.uncertainty import interpolation_noise_gain
-from semlive.kernels import images, interface
-from semlive.kernels.icgn import SEEDED
+from semlive.kernels import images
+from semlive.kernels.subset_matching import interface
+from semlive.kernels.subset_matching.icgn import SEEDED
 
 HALF = 15
 SETTINGS = DicSettings(subset_px=2 * HALF + 1, step_px=9, roi_px=(30, 30, 100, 70), tolerance_px=1e-6)

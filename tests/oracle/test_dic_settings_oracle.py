@@ -8,8 +8,9 @@ from semlive import dic
 from semlive.data.disparity import PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.dic.uncertainty import interpolation_noise_gain
-from semlive.kernels import images, interface, warp
-from semlive.kernels.icgn import SEEDED
+from semlive.kernels import images
+from semlive.kernels.subset_matching import interface, warp
+from semlive.kernels.subset_matching.icgn import SEEDED
 
 HALF = 15
 ORDER = {"cubic": 3, "quintic": 5}

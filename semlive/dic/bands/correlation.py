@@ -29,7 +29,8 @@ from semlive.dic.method_choice import choose_map
 from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import FrameStatistics
 from semlive.errors import BadInput
-from semlive.kernels import images, interface
+from semlive.kernels import images
+from semlive.kernels.subset_matching import interface
 
 # Pixels of a band: 0.8 GB with gradients, coefficients and padded copies. Bands overlap by a subset and twice MARGIN_PX: of a frame of
 # 16384 px 1.15 times its pixels are processed.

@@ -13,7 +13,7 @@ from semlive.data.grid import Grid
 from semlive.data.settings import DicSettings
 from semlive.dic.initial_guess.search import InitialGuessReference
 from semlive.dic.reference import FrameStatistics, Reference, central_region, frame_statistics, prepare_part, usable_mask
-from semlive.kernels import interface
+from semlive.kernels.subset_matching import interface
 
 SLICE_ROWS = 1024  # rows that are read at once to evaluate a complete image
 MARGIN_PX = 48  # around the subsets of a band or strip at their initial guesses

@@ -21,8 +21,9 @@ from semlive.dic.bands.image_pair import MARGIN_PX, ImagePair, prepare_cut, reac
 from semlive.dic.correlate import FINAL, ORDER, point_measurements, refine_fourth_order, retry_from_neighbours
 from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import FrameStatistics
-from semlive.kernels import images, interface
-from semlive.kernels.fourth_order_matrix import QUARTIC
+from semlive.kernels import images
+from semlive.kernels.subset_matching import interface
+from semlive.kernels.subset_matching.fourth_order_matrix import QUARTIC
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from semlive.dic.bands.image_pair import MARGIN_PX, ImagePair, bands, prepare_cu
 from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import FrameStatistics
 from semlive.dic.second_estimate import BANDS, SecondEstimates, second_estimates
-from semlive.kernels import interface
+from semlive.kernels.subset_matching import interface
 
 
 def banded_second_estimates(

@@ -12,7 +12,7 @@ from semlive.dic.global_method.coarse import AGREEMENT_PX, COARSE, FINE, peak_of
 from semlive.dic.global_method.filters import band_pass, smoothed
 from semlive.dic.global_method.solver import Field
 from semlive.kernels import images
-from semlive.kernels.spline_sampling import sample
+from semlive.kernels.splines.spline_sampling import sample
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]

@@ -17,7 +17,7 @@ from semlive.dic.global_method import block_tridiagonal
 from semlive.dic.global_method.noise import pixels_per_independent, robust_weight, row_levels, variance_map
 from semlive.dic.global_method.normal_equations import Equations, assemble, row_unknowns, to_fields, to_vector
 from semlive.dic.global_method.spline_field import Lattice
-from semlive.kernels.spline_sampling import sample
+from semlive.kernels.splines.spline_sampling import sample
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]

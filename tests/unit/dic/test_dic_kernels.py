@@ -98,7 +98,7 @@ SCRIPT = """
 import sys, numpy as np
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.kernels import interface
+from semlive.kernels.subset_matching import interface
 first, second = np.load(sys.argv[1])
 settings = DicSettings(step_px=24, roi_px=(36, 36, 264, 224), interpolation=sys.argv[3])
 reference = dic.prepare(first, dic.grid_for(settings, 300, 260), settings)

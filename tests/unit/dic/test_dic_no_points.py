@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from semlive import dic
-from semlive.dic.frame_comparison import compare_frames
-from semlive.dic.grey_scale import GreyScale, grey_scale
-from semlive.dic.no_points import NoPointsCause, explain_no_points, has_few_points
+from semlive.dic.image_quality.frame_comparison import compare_frames
+from semlive.dic.image_quality.grey_scale import GreyScale, grey_scale
+from semlive.dic.image_quality.no_points import NoPointsCause, explain_no_points, has_few_points
 from semlive.errors import BadInput
 
 HEIGHT, WIDTH = 220, 280

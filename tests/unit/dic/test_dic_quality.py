@@ -7,7 +7,7 @@ import pytest
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.dic.quality import quality
+from semlive.dic.image_quality.quality import quality
 from semlive.errors import BadInput
 
 SETTINGS = DicSettings(step_px=16, roi_px=(40, 40, 260, 220))

@@ -12,7 +12,7 @@ import pytest
 
 from semlive import dic
 from semlive.data.settings import DicSettings
-from semlive.dic.row_structure import row_structure
+from semlive.dic.image_quality.row_structure import row_structure
 from semlive.errors import BadInput
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from semlive.kernels import icgn, images, interface
+from semlive.kernels import arrays, images
+from semlive.kernels.subset_matching import icgn, interface
 
 IMAGE = np.random.default_rng(0).normal(0.0, 40.0, (40, 50)).astype(np.float32)
 GRID = {"x0_px": 10, "y0_px": 10, "step_px": 5, "shape": (3, 4), "half_px": 5}
@@ -21,12 +22,12 @@ GRID = {"x0_px": 10, "y0_px": 10, "step_px": 5, "shape": (3, 4), "half_px": 5}
 )
 def test_checked_names_what_is_wrong(array, message):
     with pytest.raises(ValueError, match="^thing must .*" + message):
-        interface.checked(array, "thing", np.float32, (2, None))
+        arrays.checked(array, "thing", np.float32, (2, None))
 
 
 def test_checked_returns_the_very_array():
     array = np.zeros((2, 3), np.float32)
-    assert interface.checked(array, "thing", np.float32, (2, 3)) is array
+    assert arrays.checked(array, "thing", np.float32, (2, 3)) is array
 
 
 @pytest.mark.parametrize(

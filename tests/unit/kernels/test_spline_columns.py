@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from semlive.kernels.bilinear import interpolate_bilinear
-from semlive.kernels.spline_columns import evaluate_curve, evaluate_piecewise, evaluate_surface, local_sums, piecewise, tensor_sums
+from semlive.kernels.splines.bilinear import interpolate_bilinear
+from semlive.kernels.splines.spline_columns import evaluate_curve, evaluate_piecewise, evaluate_surface, local_sums, piecewise, tensor_sums
 
 RNG = np.random.default_rng(8)
 POINTS, BLOCKS, NY, NX = 60, 5, 7, 9

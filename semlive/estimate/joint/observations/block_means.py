@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from semlive.data.grid import Grid
 from semlive.estimate.storage import Storage
-from semlive.kernels.spline_columns import local_sums, tensor_sums
+from semlive.kernels.splines.spline_columns import local_sums, tensor_sums
 from semlive.model import Axis, Columns, TensorColumns
 
 OUTLIER_MAD_FACTOR = 6.0  # a displacement gradient alone reaches 2 median absolute deviations within a block

@@ -16,7 +16,7 @@ from semlive.estimate.joint.elimination.shared_parameters import Codes, codes_in
 from semlive.estimate.joint.elimination.smoother import covariances
 from semlive.estimate.joint.observations.block_means import contiguous_slice
 from semlive.estimate.joint.solution.posterior import Solution
-from semlive.kernels.spline_columns import local_sums, tensor_sums
+from semlive.kernels.splines.spline_columns import local_sums, tensor_sums
 from semlive.model import Axis, Columns, FrameObservation, TensorColumns, evaluate_drift, sighting
 
 ENOUGH = 40

@@ -16,7 +16,7 @@ from numba import njit
 from numpy import uint64
 
 from semlive.kernels.interpolate import EIGHT
-from semlive.kernels.warp import AFFINE
+from semlive.kernels.subset_matching.warp import AFFINE
 
 # Per derivative of second order beyond the affine ones: axis of the gradient, powers of dx and dy, factor.
 AXIS = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.settings import DicSettings
-from semlive.dic.frame_comparison import SHADING, Resemblance, compare_frames
+from semlive.dic.image_quality.frame_comparison import SHADING, Resemblance, compare_frames
 from semlive.dic.reference import central_region, noise_of
 from semlive.errors import BadInput
 from semlive.kernels import images

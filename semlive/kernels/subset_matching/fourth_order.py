@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 from numpy import uint64
 
-from semlive.kernels.fourth_order_matrix import (
+from semlive.kernels.interpolate import SCALE, cubic_at, quintic_at
+from semlive.kernels.subset_matching.fourth_order_matrix import (
     DEGREE,
     EXPONENT_X,
     EXPONENT_Y,
@@ -22,10 +23,17 @@ from semlive.kernels.fourth_order_matrix import (
     powers_of,
     term,
 )
-from semlive.kernels.icgn import CONVERGED, INITIAL_LEARNING_RATE, LOW_ZNCC, MAX_GRADIENT, MIN_LEARNING_RATE, NOT_CONVERGED, OUTSIDE_IMAGE
-from semlive.kernels.interpolate import SCALE, cubic_at, quintic_at
-from semlive.kernels.subsets import factor
-from semlive.kernels.warp import solve
+from semlive.kernels.subset_matching.icgn import (
+    CONVERGED,
+    INITIAL_LEARNING_RATE,
+    LOW_ZNCC,
+    MAX_GRADIENT,
+    MIN_LEARNING_RATE,
+    NOT_CONVERGED,
+    OUTSIDE_IMAGE,
+)
+from semlive.kernels.subset_matching.subsets import factor
+from semlive.kernels.subset_matching.warp import solve
 
 SECOND_ORDER = 6  # the first terms, in the order of the parameters of second order
 FACTOR = np.array([1.0, 1.0, 1.0, 2.0, 1.0, 2.0])  # derivative over coefficient

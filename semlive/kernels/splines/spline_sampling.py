@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from semlive.kernels.interface import checked, lines_at_once
+from semlive.kernels.arrays import checked, lines_at_once
 from semlive.kernels.threads import parallel_chunks
 
 Image = NDArray[np.float32]

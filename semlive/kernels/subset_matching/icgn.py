@@ -17,7 +17,7 @@ from numba import njit
 from numpy import uint64
 
 from semlive.kernels.interpolate import EIGHT, FOUR, LANES, SCALE, THREE, TWO, cubic_piece, quintic_piece
-from semlive.kernels.warp import AFFINE, QUADRATIC, compose_inverse, move, reach, solve
+from semlive.kernels.subset_matching.warp import AFFINE, QUADRATIC, compose_inverse, move, reach, solve
 
 CONVERGED, NOT_CONVERGED, LOW_ZNCC, OUTSIDE_IMAGE = 0, 1, 2, 3  # as in semlive.data.disparity.PoiStatus
 EDGE_SLACK_PX = 0.05  # into the mirrored border: causes an error of at most 1e-3 px, and accepts edge subsets without motion

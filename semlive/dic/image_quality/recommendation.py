@@ -13,10 +13,10 @@ from semlive.data.correlation_choice import CorrelationChoice, RowStructure
 from semlive.data.frame import PatternQuality
 from semlive.data.settings import DicSettings
 from semlive.dic.grid import grid_for
-from semlive.dic.quality import GOOD_SIGMA_PX, MIN_SPECKLES_PER_SUBSET, MIN_USABLE, quality
+from semlive.dic.image_quality.quality import GOOD_SIGMA_PX, MIN_SPECKLES_PER_SUBSET, MIN_USABLE, quality
+from semlive.dic.image_quality.row_structure import row_structure
 from semlive.dic.reference import central_region
 from semlive.dic.row_registration import gradient_scales, smoothed_gradients
-from semlive.dic.row_structure import row_structure
 from semlive.errors import BadInput
 from semlive.kernels import images
 

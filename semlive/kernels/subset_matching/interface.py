@@ -5,39 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
-from semlive.kernels import fourth_order, fourth_order_matrix, icgn, spline, subsets, warp
+from semlive.kernels.arrays import ROW_CHUNK, checked, lines_at_once
 from semlive.kernels.interpolate import LANES
 from semlive.kernels.malloc import keep_freed_memory
+from semlive.kernels.splines import spline
+from semlive.kernels.subset_matching import fourth_order, fourth_order_matrix, icgn, subsets, warp
 from semlive.kernels.threads import parallel_chunks
 
-ROW_CHUNK = 4  # rows of POI per task of a thread; constant
-PIXEL_CHUNK = 98304  # pixels per task of a thread; for fewer, starting a thread takes longer than it saves
-
 keep_freed_memory()
-
-
-def lines_at_once(width: int) -> int:
-    """Number of lines of an image of this width per task of a thread."""
-    return max(1, PIXEL_CHUNK // width)
-
-
-def checked(array: object, name: str, dtype: DTypeLike, shape: tuple[int | None, ...]) -> NDArray:
-    """The array itself if it is C-contiguous and of this dtype and shape (None: any length).
-
-    Raises:
-        ValueError: dtype, shape or layout differ.
-    """
-    if not isinstance(array, np.ndarray):
-        raise ValueError(f"{name} must be an array, not {type(array).__name__}")
-    if array.dtype != np.dtype(dtype):
-        raise ValueError(f"{name} must be {np.dtype(dtype)}, not {array.dtype}")
-    if array.ndim != len(shape) or any(length not in (None, size) for size, length in zip(array.shape, shape, strict=True)):
-        raise ValueError(f"{name} must have shape {tuple('any' if n is None else n for n in shape)}, not {array.shape}")
-    if not array.flags.c_contiguous:
-        raise ValueError(f"{name} must be C-contiguous")
-    return array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

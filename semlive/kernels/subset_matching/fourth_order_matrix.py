@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy import uint64
 
-from semlive.kernels.subsets import factor, inverse_diagonal
+from semlive.kernels.subset_matching.subsets import factor, inverse_diagonal
 
 DEGREE, TERMS, QUARTIC = 4, 15, 30
 POWERS = 2 * DEGREE + 1  # of a coordinate in the products of two terms

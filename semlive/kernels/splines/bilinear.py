@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from semlive.kernels.interface import checked
+from semlive.kernels.arrays import checked
 
 Field = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from semlive.kernels.interface import checked
-from semlive.kernels.warp import AFFINE
+from semlive.kernels.arrays import checked
+from semlive.kernels.subset_matching.warp import AFFINE
 
 
 @njit(nogil=True, cache=True)

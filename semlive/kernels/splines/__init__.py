@@ -1,0 +1,1 @@
+"""Compiled kernels that filter and sample images with splines."""

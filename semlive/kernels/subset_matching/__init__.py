@@ -1,0 +1,1 @@
+"""Compiled kernels of the correlation of subsets: sums, IC-GN, shape functions."""
