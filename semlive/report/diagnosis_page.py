@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect
 from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis, DiagnosisFigureData
 from semlive.diagnose.experiments.proposals import choose_proposal
+from semlive.diagnose.simulation_comparison import Comparison
 from semlive.model.effects.load_cell import LOAD_CELL_EFFECTS
 from semlive.model.effects.stage import non_map_effect
 from semlive.report.diagnosis_figures import effect_profile, intensity_history, residual_maps, residual_quantiles, row_spectrum
@@ -23,19 +24,24 @@ SIGNIFICANT = 7.0
 OVERLAP_LIMIT = 0.9
 
 
-def diagnosis_html(name: str, diagnosis: Diagnosis, provenance: Sequence[tuple[str, str]] = ()) -> str:
+def diagnosis_html(
+    name: str, diagnosis: Diagnosis, provenance: Sequence[tuple[str, str]] = (), comparison: Comparison | None = None
+) -> str:
     """The verdict, effects with parameters and time courses, maps, held-out misfit, residual tests, evidence and next experiment.
 
     Args:
         name: name of the log.
         diagnosis: verdict of the diagnosis.
         provenance: origin of the report, as pairs of label and value.
+        comparison: comparison with simulations without and with the effects; None: not simulated.
     """
     body = [f"<h1>{html.escape(name)}</h1>", f'<p class="soft">{html.escape(_verdict(diagnosis))}</p>']
     for effect in diagnosis.effects:
         body += [f"<h2>{html.escape(effect.name)}</h2>", _effect(effect), _course(diagnosis, effect.model_effect.name)]
     if diagnosis.gap is not None:
         body += ["<h2>Misfit on held-out pairs</h2>", _gap(diagnosis.gap)]
+    if comparison is not None:
+        body += ["<h2>Confirmation by simulation</h2>", comparison_section(comparison)]
     if diagnosis.figure_data is not None:
         body += ["<h2>Before and after</h2>", _maps(diagnosis.figure_data), "<h2>Effect on strain</h2>", _on_strain(diagnosis.figure_data)]
     body += ["<h2>Residual tests by domain, without effects</h2>", _where(diagnosis)]
@@ -185,9 +191,30 @@ def _grey(diagnosis: Diagnosis) -> str:
 
 def _gap(gap: HeldOutMisfit) -> str:
     low, high = gap.closure_interval
-    sizes = (("before", gap.before_px), ("after", gap.after_px), ("noise alone", gap.floor_px))
-    bars = _bars([(label, size, f"{size:.4f} px", True) for label, size in sizes])
+    bars = _misfit_bars((("before", gap.before_px), ("after", gap.after_px), ("noise alone", gap.floor_px)))
     return bars + f"<p>{100 * gap.closure:.0f} % explained, 95 % interval {100 * low:.0f} to {100 * high:.0f} %.</p>"
+
+
+def _misfit_bars(sizes_px: Iterable[tuple[str, float]]) -> str:
+    return _bars([(label, size_px, f"{size_px:.4f} px", True) for label, size_px in sizes_px])
+
+
+def comparison_section(comparison: Comparison) -> str:
+    """Misfit between measured and simulated maps without and with the effects, and the part that noise leaves."""
+    maps, sizes = comparison.maps, comparison.sizes
+    bars = _misfit_bars((("without the effects", maps.before_px), ("with the effects", maps.after_px), ("noise alone", maps.floor_px)))
+    low, high = maps.interval
+    text = (
+        "The run was simulated twice, without and with the identified effects, by an implementation that shares no code with the "
+        f"diagnosis. Measured minus simulated maps, {comparison.frames} frames of {comparison.blocks} blocks: the effects close "
+        f"{100 * maps.closure:.0f} % of the misfit, 95 % interval {100 * low:.0f} to {100 * high:.0f} %. "
+    )
+    if sizes.measured_px > 0.0:
+        text += (
+            f"Smooth residual above noise: {sizes.measured_px:.4f} px measured, {sizes.simulated_px:.4f} px simulated with the effects. "
+        )
+    conclusion = "Confirmed" if comparison.confirmed else "Not confirmed"
+    return f"{bars}<p>{html.escape(text)}<strong>{conclusion}.</strong></p>"
 
 
 def _where(diagnosis: Diagnosis) -> str:

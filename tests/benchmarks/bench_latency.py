@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 from daemon_plans import check_plan
 
-from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.formats.log.reader import LogMessage
 from semlive.service.log.files import messages

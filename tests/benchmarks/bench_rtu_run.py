@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 

@@ -31,7 +31,7 @@ from typing import Any
 import yaml
 from pymodbus.client import ModbusTcpClient
 
-from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulated_run import daemon_config
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = "systemd,systemd-sysv,dbus,python3,python3-venv,libgomp1"

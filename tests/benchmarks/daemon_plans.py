@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulated_run import daemon_config
 from semlive.engine import start
 from semlive.service.config.configuration import parse_config
 from semlive_simulators.scenario import load_scenario

@@ -19,7 +19,7 @@ import yaml
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 

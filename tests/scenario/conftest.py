@@ -16,7 +16,7 @@ import pytest
 import yaml
 from pymodbus.client import ModbusTcpClient
 
-from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.tail import LogTail
 

@@ -14,7 +14,7 @@ import yaml
 from mcap.reader import make_reader
 from pymodbus.client import ModbusTcpClient
 
-from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 
 from .conftest import Instrument

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
-from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 

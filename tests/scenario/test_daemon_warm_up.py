@@ -13,7 +13,7 @@ import pytest
 import yaml
 from scipy.interpolate import CubicHermiteSpline
 
-from semlive.cli.before_run.demo import daemon_config
+from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 from semlive.service.replay.replay import ReplayRequest, replay

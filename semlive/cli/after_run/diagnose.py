@@ -11,11 +11,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.after_run.confirmation import SimulationRequest, comparison_json, comparison_text, confirm, new_folder
 from semlive.cli.after_run.forecast_table import forecast_table
 from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
 from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis
+from semlive.diagnose.simulation_comparison import Comparison
 from semlive.report.diagnosis_page import diagnosis_html
 from semlive.service.diagnosis.model_file import compatible_model, model_of, write_model
 from semlive.service.diagnosis.run import diagnose_log
@@ -38,6 +40,13 @@ def diagnose(
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the model with the identified effects to this file.")] = None,
     page: Annotated[Path | None, typer.Option("--html", help="Write the diagnosis as one HTML page to this file.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random draws that calibrate the tests.", min=0)] = 0,
+    prove: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENARIO", help="Simulate the run without and with the identified effects, and compare; a scenario with its protocol."
+        ),
+    ] = None,
+    prove_out: Annotated[Path, typer.Option(help="Folder for model, page and simulated runs of --prove; new or empty.")] = Path("prove"),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find where model and data disagree, identify the missing effect, and show how much of the gap it closes."""
@@ -45,12 +54,22 @@ def diagnose(
     for path, option in ((out, "--out"), (page, "--html")):
         if path is not None:
             output_file(path, option)
+    simulation = None if prove is None else SimulationRequest(prove, new_folder(prove_out, "--prove-out"))
     opened = OpenedLog(log)
     parent = model_of(opened) if model is None else compatible_model(opened, model)
     with multi_stage_progress() as progress:
         diagnosis, _ = diagnose_log(opened, seed, progress, parent.effect_model.effects)
+    if not diagnosis.effects:
+        simulation = None
+    if simulation is not None:
+        simulation.folder.mkdir(parents=True, exist_ok=True)
+        out, page = out or simulation.folder / "model.json", page or simulation.folder / "diagnosis.html"
+    comparison = None
     if out is not None:
         write_model(out, diagnosis, opened, parent)
+        if simulation is not None:
+            with multi_stage_progress() as progress:
+                comparison = confirm(log, out, simulation, progress)
     if page is not None:
         made_from = [
             ("log", log.name),
@@ -58,9 +77,10 @@ def diagnose(
             ("seed", str(seed)),
             ("semlive", version("semlive")),
         ]
-        write_text(page, diagnosis_html(log.name, diagnosis, made_from))
+        write_text(page, diagnosis_html(log.name, diagnosis, made_from, comparison))
     if as_json:
-        typer.echo(json.dumps(diagnosis_json(diagnosis)))
+        proof = {} if prove is None else {"proof": None if comparison is None else comparison_json(comparison)}
+        typer.echo(json.dumps({**diagnosis_json(diagnosis), **proof}))
         return
     console = Console()
     console.print(f"{diagnosis.outcome.value}: {_OUTCOME_TEXTS[diagnosis.outcome]}")
@@ -85,6 +105,16 @@ def diagnose(
         console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
         if diagnosis.experiment.forecasts:
             console.print(forecast_table(diagnosis.experiment.forecasts))
+    if prove is not None:
+        _print_comparison(console, comparison, page)
+
+
+def _print_comparison(console: Console, comparison: Comparison | None, page: Path | None) -> None:
+    if comparison is None:
+        console.print("no effect was identified, so there is nothing to simulate")
+        return
+    console.print(f"simulation: {comparison_text(comparison)}")
+    console.print(f"page: {page}")
 
 
 def _grey_line(diagnosis: Diagnosis) -> str:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
+from semlive.cli.after_run.confirmation import comparison_json, comparison_text
 from semlive.cli.after_run.forecast_table import forecast_table
 from semlive.cli.after_run.row_start import row_start
 from semlive.cli.shared.output_path import output_file, write_text
@@ -147,20 +147,9 @@ def compare(
     with multi_stage_progress() as progress:
         comparison = compare_with_simulations(*(load_observation(OpenedLog(path), progress) for path in (log, without, with_effects)))
     if as_json:
-        typer.echo(json.dumps({**asdict(comparison), "confirmed": comparison.confirmed}))
+        typer.echo(json.dumps(comparison_json(comparison)))
         return
-    maps, sizes = comparison.maps, comparison.sizes
-    typer.echo(
-        f"{'confirmed' if comparison.confirmed else 'not confirmed'}, by {comparison.frames} maps of {comparison.blocks} blocks\n"
-        f"measured less simulated maps: {maps.before_px:.4f} px without the effects, {maps.after_px:.4f} px with them, "
-        f"{maps.floor_px:.4f} px is noise; {_share(maps.closure, maps.interval)} closed\n"
-        f"smooth and more than noise: {sizes.measured_px:.4f} px measured, {sizes.simulated_px:.4f} px simulated with them"
-        + (f", {_share(sizes.ratio, sizes.interval)} of it" if sizes.measured_px > 0.0 else "")
-    )
+    typer.echo(comparison_text(comparison))
 
 
 experiment.command("row-start")(row_start)
-
-
-def _share(share: float, interval: tuple[float, float]) -> str:
-    return f"{100 * share:.0f} % ({100 * interval[0]:.0f} to {100 * interval[1]:.0f} %)"

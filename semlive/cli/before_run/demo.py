@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import datetime
 import json
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +14,7 @@ from rich.console import Console
 
 from semlive.cli.shared.output_path import output_folder, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress, progress_bar
+from semlive.cli.shared.simulated_run import daemon_config, run_daemon
 from semlive.cli.shared.simulator import running_simulator
 from semlive.cli.shared.tables import result_table, score_table
 from semlive.errors import BadInput, SemliveError
@@ -54,7 +53,7 @@ def demo(
         config = folder / "run.yaml"
         content = daemon_config(bench, bench["rate"])
         config.write_text(yaml.safe_dump(moved_by_hand(content, bench["rate"]) if operator else content, sort_keys=False), encoding="utf-8")
-        code = _daemon(config, *(["--attended"] if operator else ["--stop-on-fault"]))
+        code = run_daemon(config, *(["--attended"] if operator else ["--stop-on-fault"]))
         truth_file = Path(bench["truth_file"])
     if code != 0:
         raise SemliveError(f"the daemon ended with exit code {code}; its log is in {folder / 'log'}")
@@ -70,37 +69,6 @@ _PATIENCE_S = 3600.0
 _REHEARSAL = """rehearsal: only the simulated instrument moves. Requests for moves and loads appear here and on the page. Answer as at
 the instrument: Enter when the specimen is moved, the load in N when it is reached. The simulated instrument then does
 what your answer states. Type pause, resume or stop at any time. Try a wrong answer too."""
-_SHIFTED: dict[str, dict[str, object]] = {"stage": {"kind": "specimen"}, "beam_shift": {"kind": "beam", "first_register": 400}}
-"""Registers of the simulated bench that shift the field of view: those of the stage (the default of the driver) or of the beam shift."""
-
-
-def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
-    """The configuration of the daemon for a simulated bench.
-
-    Args:
-        bench: content of the `ready.json` of the bench: its addresses and the experiment of the scenario.
-        rate: seconds of experiment per second of wall time.
-    """
-    link: dict[str, Any] = {"host": bench["host"], "port": bench["port"], "unit": bench["unit"]}
-    stage = link
-    if "rtu_port" in bench:
-        link = {"serial": {"port": bench["rtu_port"]}, "unit": bench["unit"]}
-        stage = {**link, "unit": bench["rtu_stage_unit"]}
-    experiment = bench["experiment"]
-    # A file on a local disk is complete after 0.1 s without change; a network share would need 2 s.
-    sem = {"folder": bench["export_folder"], "poll_s": 0.05, "stable_for_s": 0.15, "profile": {"start_sigma_s": 0.01}}
-    if bench["mode"] == "triggered":
-        sem["trigger"] = {"driver": "modbus", "settings": link}
-    # Three minutes of wall time: the analysis reports when a frame was scanned, and on a busy computer it may be some pairs behind.
-    protocol = {"frame_timeout_s": max(900.0, 180.0 * rate), **experiment["protocol"]}
-    return {
-        "run": {"name": "demo", "folder": "log", "clock_file": bench["clock_file"]},
-        "sem": {**sem, **experiment["sem"]},
-        "load_frame": {"driver": "modbus", "poll_s": min(0.05, 1.0 / rate), "settings": {**link, **experiment.get("load_frame", {})}},
-        "stage": {"driver": "modbus", "poll_s": min(0.1, 2.0 / rate), "settings": {**stage, **_SHIFTED[bench["shifts_by"]]}},
-        **{key: section for key, section in experiment.items() if key not in ("sem", "protocol", "load_frame")},
-        "protocol": protocol,
-    }
 
 
 def moved_by_hand(config: dict[str, Any], rate: float) -> dict[str, Any]:
@@ -118,16 +86,6 @@ def moved_by_hand(config: dict[str, Any], rate: float) -> dict[str, Any]:
         "stage": {**stage, "driver": "operator", "settings": {"um_per_px": pixel_um, "rehearsal": stage["settings"]}},
         "protocol": {**config["protocol"], "motion_timeout_s": _PATIENCE_S * rate},
     }
-
-
-def _daemon(config: Path, *options: str) -> int:
-    """Run the daemon in the foreground; the daemon handles Ctrl-C, and this process waits until it has stopped the load frame."""
-    process = subprocess.Popen([sys.executable, "-m", "semlive", "run", str(config), *options])
-    while True:
-        try:
-            return process.wait()
-        except KeyboardInterrupt:
-            continue
 
 
 def _show(console: Console, folder: Path, truth_file: Path) -> None:

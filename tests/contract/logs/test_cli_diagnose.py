@@ -78,6 +78,9 @@ def test_strain_that_a_gage_does_not_see_is_told_and_not_corrected(semlive: Call
     assert (without["outcome"], without["gap"]) == ("NONE", None)
     assert "gage_readings" not in {item["domain"] for item in without["where"]}
     assert "out_of_plane_translation" not in without["evidence"]
+    proof = tmp_path / "proof"
+    code, out, _ = semlive("diagnose", str(log), "--prove", "short", "--prove-out", str(proof), "--json")
+    assert (code, json.loads(out)["proof"], proof.exists()) == (0, None, False)  # nothing is simulated without an effect
 
     gaged(folder, 0.9)
     assert semlive("import", str(folder), "-o", str(log), "--subset-px", "43")[0] == 0
@@ -102,3 +105,11 @@ def test_too_few_pairs_are_one_sentence(semlive: Callable[..., Said], short: Pat
     code, out, err = semlive("diagnose", str(short), "--json")
     assert (code, out) == (1, "")
     assert "needs at least 5 pairs" in err.splitlines()[-1]
+
+
+def test_prove_needs_a_new_folder(semlive: Callable[..., Said], tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "model.json").write_text("{}")
+    code, out, err = semlive("diagnose", str(tmp_path / "no-log"), "--prove", "short", "--prove-out", str(tmp_path / "old"))
+    assert (code, out) == (2, "")
+    assert "the folder is not empty; give a new folder" in " ".join(err.split())

@@ -68,7 +68,7 @@ IMPORTED = {
     "bench_row_start": "needs tables that are not in the repository",
     "bench_row_channel": "a diagnosis of 17 s",
     "bench_sandbox": "needs systemd",
-    "bench_second_proof": "two runs of the simulator",
+    "bench_second_proof": "three runs of the simulator",
     "bench_share": "needs Samba",
     "bench_start_times": "two experiments of a minute",
     "bench_swallowed": "a diagnosis of a minute",
