@@ -16,6 +16,7 @@ from typing import Protocol, runtime_checkable
 
 from semlive.data.checks import Finding, FrameCheck
 from semlive.data.loading import DeviceIdentity, LoadSample, StageKind, StageSample
+from semlive.data.scan_report import ScanReport
 
 
 class PromptEvent(StrEnum):
@@ -148,6 +149,15 @@ class ChecksFiles(Protocol):
 
 
 @runtime_checkable
+class ChecksDevice(Protocol):
+    """The module of a trigger's factory, if the trigger can report the settings of its microscope before a run."""
+
+    def check_device(self, settings: Mapping[str, object], clock: ClockSource) -> Sequence[Finding]:
+        """Connect, read the settings of the scan and disconnect; changes nothing; raises BadConfig for settings that are not valid."""
+        ...
+
+
+@runtime_checkable
 class Stage(Protocol):
     """A device that translates the specimen or the beam. Every method may raise LinkError."""
 
@@ -182,8 +192,15 @@ class Stage(Protocol):
 class Trigger(Protocol):
     """A device that makes the SEM scan one frame."""
 
-    def scan_once(self) -> None:
-        """Request one frame; returns when the request was accepted."""
+    def scan_once(self) -> ScanReport | None:
+        """Request one frame; returns when the request was accepted.
+
+        Returns:
+            The settings of the scan before and after it, from a trigger that waits for its end and reads them; else None.
+
+        Raises:
+            LinkError: the request was not accepted, or the frame is refused.
+        """
         ...
 
     def close(self) -> None:

@@ -10,7 +10,7 @@ GROUPS = {
     "console_scripts": {"semlive"},
     "semlive.load_frames": {"modbus", "ascii", "assembled", "operator", "null"},
     "semlive.stages": {"modbus", "operator", "null"},
-    "semlive.triggers": {"modbus", "operator"},
+    "semlive.triggers": {"modbus", "operator", "sharksem", "smartsem", "autoscript"},
     "semlive.frame_checks": {"maps"},
     "semlive.simulators": {"bench", "frames"},
 }

@@ -15,7 +15,9 @@ from rich.table import Table
 from semlive.cli.before_run.recommendation_text import recommendation_json, recommendation_rows
 from semlive.cli.before_run.stop_table import stop_json, stop_table
 from semlive.cli.shared.progress_bar import multi_stage_progress
+from semlive.data.checks import Finding
 from semlive.engine.schedule import dose_c_m2
+from semlive.service.checks.instrument import check_trigger
 from semlive.service.config.configuration import Config, load_config
 from semlive.service.config.plausibility import questions
 from semlive.service.diagnosis.model_file import config_with_model
@@ -48,12 +50,13 @@ def plan(
         planned = plan_experiment(
             checked, test_frame, log, ReplayCallbacks(progress), force_noise_n=force_noise_n, force_resolution_n=force_resolution_n
         )
-    dose, unusual = _dose(planned, current_na), questions(checked)
+    dose, unusual, microscope = _dose(planned, current_na), questions(checked), tuple(check_trigger(checked))
     if as_json:
-        typer.echo(json.dumps({**_json(planned, dose), "unusual": [asdict(value) for value in unusual]}))
+        reported = {"trigger": [finding.to_json() for finding in microscope]} if microscope else {}
+        typer.echo(json.dumps({**_json(planned, dose), "unusual": [asdict(value) for value in unusual], **reported}))
         return
     console = Console()
-    console.print(_facts(planned, dose, current_na))
+    console.print(_facts(planned, dose, current_na, microscope))
     console.print(_configuration_table(checked))
     console.print(_steps(planned))
     if planned.gauges:
@@ -98,7 +101,7 @@ def _json(planned: ExperimentPlan, dose: float | None) -> dict[str, object]:
     }
 
 
-def _facts(planned: ExperimentPlan, dose: float | None, current_na: float) -> Table:
+def _facts(planned: ExperimentPlan, dose: float | None, current_na: float, microscope: tuple[Finding, ...]) -> Table:
     times, scan, grid = planned.schedule, planned.scan, planned.grid
     table = Table(box=SIMPLE_HEAD, show_header=False, padding=(0, 1))
     more = f", and up to {_clock(times.max_waiting_s)} of waiting" if times.max_waiting_s else ""
@@ -121,6 +124,7 @@ def _facts(planned: ExperimentPlan, dose: float | None, current_na: float) -> Ta
     if planned.mean_sigma is not None:
         mean = planned.mean_sigma
         rows.append(("mean strain noise", f"exx {mean.exx:.1e}, eyy {mean.eyy:.1e}, exy {mean.exy:.1e}; drift and distortion add to it"))
+    rows += [("trigger", f"{finding.observation}; {finding.advice}") for finding in microscope]
     for row in rows:
         table.add_row(*row)
     return table

@@ -13,6 +13,7 @@ from semlive.data.frame import FrameInfo
 from semlive.data.loading import FrameLoad, LoadSample, StageSample
 from semlive.data.pair import PairDecision
 from semlive.data.scan import ScanTiming
+from semlive.data.scan_report import ScanReading, ScanReport
 from semlive.data.strain import ElasticConstants, StrainGageComparison, StrainSummary
 from semlive.formats.log.messages import (
     ClockMessage,
@@ -25,8 +26,10 @@ from semlive.formats.log.messages import (
     PairMessage,
     Point,
     ScanMessage,
+    ScanReadingMessage,
     StageSampleMessage,
     StrainMessage,
+    TriggerMessage,
 )
 
 T = TypeVar("T", bound=np.generic)
@@ -60,6 +63,33 @@ def stage_sample_message(sample: StageSample) -> StageSampleMessage:
 def stage_sample(message: StageSampleMessage) -> StageSample:
     """Return the reading of a message."""
     return StageSample(**{name: getattr(message, name) for name in StageSampleMessage.model_fields if name != "boot_id"})
+
+
+def trigger_message(report: ScanReport) -> TriggerMessage:
+    """Convert the settings of a triggered scan."""
+    return TriggerMessage(
+        time_ns=report.end_time_ns,
+        file=report.file,
+        before=_scan_reading_message(report.before),
+        after=_scan_reading_message(report.after),
+        measured_row_time_s=report.measured_row_time_s,
+    )
+
+
+def _scan_reading_message(reading: ScanReading) -> ScanReadingMessage:
+    values = {name: getattr(reading, name) for name in ScanReadingMessage.model_fields}
+    return ScanReadingMessage(**{**values, "others": dict(reading.others)})
+
+
+def _scan_reading(message: ScanReadingMessage) -> ScanReading:
+    values = {name: getattr(message, name) for name in ScanReadingMessage.model_fields}
+    return ScanReading(**{**values, "others": tuple(message.others.items())})
+
+
+def trigger_report(message: TriggerMessage) -> ScanReport:
+    """Return the settings of a triggered scan."""
+    before, after = (_scan_reading(reading) for reading in (message.before, message.after))
+    return ScanReport(before, after, message.file, message.time_ns, message.measured_row_time_s)
 
 
 def scan_message(info: FrameInfo, frame: int | None = None, load: FrameLoad | None = None) -> ScanMessage:

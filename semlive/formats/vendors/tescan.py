@@ -5,6 +5,7 @@ nor frame time: those come from ``sem.scan_profiles``, by ``ScanSpeed``. Its dat
 11 s later in a file of a MIRA3, and is not read. ``TiltCorrection`` is an angle in degrees, 0 while it is off, and ``ScanMode`` one of
 the modes of the column, such as ``WIDE FIELD``, each with its own distortion (`tescan_example_sem1.tif` of delmic/odemis; the extractor of
 datasophos/NexusLIMS lists the keys of both sections; none is about dynamic focus).
+``RowTime`` (s) is no key of TESCAN: the trigger `sharksem` writes it into the ``.hdr`` file of its frames if the microscope reports it.
 """
 
 from __future__ import annotations
@@ -74,6 +75,7 @@ def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
         scan_speed=values.get("ScanSpeed", ""),
         databar_rows=int(strip) if strip is not None and 0 <= strip < 10_000 else None,
         dwell_time_s=from_file(positive(values.get("DwellTime"))),
+        row_time_s=from_file(positive(values.get("RowTime"))),
         integrations=from_file(positive(values.get("AccFrames"))),
         pixel_size_m=from_file(x_m or y_m),
         embedded=time.moment,

@@ -20,7 +20,7 @@ from semlive.errors import SemliveError
 from semlive.formats import check_finished
 from semlive.formats.images.inspection import inspect_file
 from semlive.inputs.files import read_regular
-from semlive.ports import ChecksFiles
+from semlive.ports import ChecksDevice, ChecksFiles
 from semlive.process_lock import Holder
 from semlive.service.config.configuration import Config
 from semlive.service.config.sections import DriverSection
@@ -150,8 +150,14 @@ def drivers(config: Config | None) -> Iterator[Finding]:
 
 
 def check_device_endpoints(config: Config) -> Iterator[Finding]:
-    """Whether a server listens or a serial port exists at every address of the drivers; nothing is sent."""
+    """Whether a server listens or a serial port exists at every address of the drivers; nothing is sent to devices that move.
+
+    A trigger that can report the settings of its microscope reads them.
+    """
     for key, group, section in _sections(config):
+        if group == "triggers" and (reported := tuple(check_trigger(config))):
+            yield from reported
+            continue
         endpoints = list(endpoints_in(section.settings))
         for endpoint in endpoints:
             yield _tcp(key, *endpoint) if isinstance(endpoint, tuple) else _serial(key, endpoint)
@@ -159,6 +165,25 @@ def check_device_endpoints(config: Config) -> Iterator[Finding]:
         yield from files
         if not endpoints and not files:
             yield Finding(key, f"driver {section.driver} has no address to check", Verdict.OK)
+
+
+def check_trigger(config: Config) -> Iterator[Finding]:
+    """What the microscope of the trigger reports, from drivers that can read it: settings of the scan, and whether it could scan now."""
+    section = config.sem.trigger
+    if section is None:
+        return
+    for point in entry_points(group="semlive.triggers", name=section.driver):
+        try:
+            module = import_module(point.module)
+            if not isinstance(module, ChecksDevice):
+                return
+            folder = section.settings.get("folder")
+            if isinstance(folder, str) and Path(folder).resolve() != config.sem.folder.resolve():
+                observation = f"the trigger writes into {folder}, the run reads {config.sem.folder}"
+                yield Finding("sem.trigger", observation, Verdict.FAILED, "give sem.trigger.settings.folder the path of sem.folder")
+            yield from module.check_device(section.settings, SystemClock())
+        except SemliveError as error:
+            yield Finding("sem.trigger", str(error), Verdict.FAILED, "correct the settings of the driver")
 
 
 def check_device_files(group: str, section: DriverSection) -> Iterator[Finding]:

@@ -20,7 +20,9 @@ _BYTES_PER_PAIR = 40_000_000
 
 
 def run_checks(config: Config | None) -> Iterator[Finding]:
-    """Run the checks one by one; nothing is moved, and no byte is sent to a device.
+    """Run the checks one by one; nothing is moved, and no byte is sent to a device that moves.
+
+    A trigger that can report the settings of its microscope reads them, and changes nothing.
 
     Args:
         config: configuration of the run; None: only the computer is checked.

@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 
+from semlive.data.scan_report import ScanReport
 from semlive.engine import (
     AcceptPair,
     Command,
@@ -24,6 +25,7 @@ from semlive.engine import (
     Transition,
     TriggerFrame,
 )
+from semlive.formats.log.conversions import trigger_message
 from semlive.ports import ClockSource
 from semlive.service.device_link import DeviceLink
 from semlive.service.device_link.trigger import TriggerLink
@@ -55,6 +57,10 @@ class CommandDispatcher:
         """Stop all devices; returns at once."""
         for link in self.links.values():
             link.stop(reason)
+
+    def log_scan(self, report: ScanReport) -> None:
+        """Log the settings of a triggered scan."""
+        self._journal.write_message(trigger_message(report))
 
     def execute(self, command: Command) -> None:
         """Log a command of the engine and pass it on."""

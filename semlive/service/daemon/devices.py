@@ -66,7 +66,12 @@ def open_trigger(config: Config, control: Control, clock: SystemClock | Simulate
     if trigger is None:
         return None
     opened = drivers.open_trigger(trigger.driver, trigger.settings, clock)
-    return TriggerLink(opened, lambda event: control.call_soon(control.engine.handle, event), clock)
+    return TriggerLink(
+        opened,
+        lambda event: control.call_soon(control.engine.handle, event),
+        clock,
+        lambda report: control.call_soon(control.dispatcher.log_scan, report),
+    )
 
 
 async def open_links(links: Mapping[Device, DeviceLink]) -> Mapping[Device, DeviceIdentity]:

@@ -15,7 +15,7 @@ from semlive.formats.log.messages.base import (
     Point,
 )
 from semlive.formats.log.messages.devices import LoadSampleMessage, StageSampleMessage
-from semlive.formats.log.messages.frames import FileMessage, PairMessage, ScanMessage
+from semlive.formats.log.messages.frames import FileMessage, PairMessage, ScanMessage, ScanReadingMessage, TriggerMessage
 from semlive.formats.log.messages.log_line import LogLineMessage
 from semlive.formats.log.messages.results import (
     DicMessage,
@@ -86,10 +86,12 @@ __all__ = [
     "ResultMessage",
     "RunMessage",
     "ScanMessage",
+    "ScanReadingMessage",
     "SnapshotMessage",
     "StageSampleMessage",
     "StateMessage",
     "StrainMessage",
+    "TriggerMessage",
     "from_json",
     "json_schema",
     "schema_of",

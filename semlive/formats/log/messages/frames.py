@@ -72,6 +72,28 @@ class ScanMessage(Message):
     geometry: ScanGeometry = ScanGeometry()
 
 
+class ScanReadingMessage(Message):
+    """Settings of a microscope at one instant (see `semlive.data.scan_report.ScanReading`)."""
+
+    time_ns: int
+    dwell_time_s: float
+    row_time_s: float | None = None
+    field_width_m: float
+    width_px: int
+    height_px: int
+    others: dict[str, str]
+
+
+class TriggerMessage(Message):
+    """`/sem/trigger`: settings of a triggered scan as the microscope reported them (see `semlive.data.scan_report.ScanReport`)."""
+
+    time_ns: int
+    file: str
+    before: ScanReadingMessage
+    after: ScanReadingMessage
+    measured_row_time_s: float | None = None
+
+
 class PairMessage(Message):
     """`/pair`: two exports form the pair of a step (see `semlive.data.pair.PairDecision`)."""
 

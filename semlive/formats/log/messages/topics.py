@@ -12,7 +12,7 @@ from semlive.errors import BadLog
 from semlive.formats.log.foxglove import FILE_DESCRIPTORS, IMAGE_TOPICS
 from semlive.formats.log.messages.base import Message
 from semlive.formats.log.messages.devices import LoadSampleMessage, StageSampleMessage
-from semlive.formats.log.messages.frames import FileMessage, PairMessage, ScanMessage
+from semlive.formats.log.messages.frames import FileMessage, PairMessage, ScanMessage, TriggerMessage
 from semlive.formats.log.messages.log_line import FoxgloveLog, LogLineMessage
 from semlive.formats.log.messages.results import (
     DicMessage,
@@ -50,6 +50,7 @@ TOPICS: Mapping[str, type[Payload]] = {
     "/stage/sample": StageSampleMessage,
     "/sem/file": FileMessage,
     "/sem/scan": ScanMessage,
+    "/sem/trigger": TriggerMessage,
     "/pair": PairMessage,
     "/dic/summary": DicMessage,
     "/drift/estimate": DriftMessage,

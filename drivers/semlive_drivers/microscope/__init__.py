@@ -1,0 +1,1 @@
+"""Triggers for the remote interfaces of microscopes. None of them has been tried at a microscope yet."""

@@ -1,0 +1,77 @@
+"""Trigger `sharksem`: a TESCAN microscope scans one frame on request."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+from pydantic import Field
+
+from semlive.data.checks import Finding
+from semlive.ports import ClockSource
+from semlive_drivers.endpoint_lock import reserve_tcp
+from semlive_drivers.microscope.sharksem.connection import Connection
+from semlive_drivers.microscope.sharksem.session import ScanRequest, SharkSemSession
+from semlive_drivers.microscope.trigger import MicroscopeSettings, MicroscopeTrigger, findings, opened
+from semlive_drivers.settings import checked
+
+_DRIVER = "sharksem trigger"
+
+
+class SharkSemSettings(MicroscopeSettings):
+    """Settings of the trigger `sharksem`."""
+
+    host: str
+    port: int = Field(default=8300, ge=1, le=65_534)
+    """TCP port of commands; image data use the next one."""
+    width_px: int = Field(default=1024, ge=16, le=16_384)
+    """Columns of a frame."""
+    height_px: int = Field(default=1024, ge=16, le=16_384)
+    """Rows of a frame."""
+    dwell_time_us: float | None = Field(default=None, gt=0, le=1e6)
+    """Time on a pixel, us; without it, that of the scan speed which is set at the microscope."""
+    channel: int = Field(default=0, ge=0, le=7)
+    """Video channel; its detector is the one that is selected at the microscope."""
+    bits: Literal[8, 16] = 8
+    """Bits per pixel."""
+    resume_live: bool = True
+    """Start the live image again after a scan if it was running before."""
+    answer_timeout_s: float = Field(default=5.0, gt=0, le=60)
+    """Longest time for the answer to a command, and without image data during a scan, s."""
+
+
+def open_trigger(settings: Mapping[str, object], clock: ClockSource) -> MicroscopeTrigger:
+    """Check that the microscope answers and could scan now.
+
+    Raises:
+        BadConfig: for settings that are not valid.
+        LinkRefused: it does not answer, its beam is off, or another process uses it.
+    """
+    return opened(_trigger(checked(SharkSemSettings, settings, _DRIVER), clock))
+
+
+def check_device(settings: Mapping[str, object], clock: ClockSource) -> Sequence[Finding]:
+    """What the microscope reports; changes nothing.
+
+    Raises:
+        BadConfig: for settings that are not valid.
+    """
+    config = checked(SharkSemSettings, settings, _DRIVER)
+    return findings(lambda: _trigger(config, clock), config)
+
+
+def _trigger(config: SharkSemSettings, clock: ClockSource) -> MicroscopeTrigger:
+    endpoint = reserve_tcp(config.host, config.port)
+    wanted = ScanRequest(config.width_px, config.height_px, config.channel, config.bits, config.dwell_time_us, config.resume_live)
+    frames = itertools.count(1)
+
+    def session() -> SharkSemSession:
+        connection = Connection(config.host, config.port, config.answer_timeout_s)
+        try:
+            return SharkSemSession(connection, wanted, clock, next(frames), config.frame_timeout_s)
+        except BaseException:
+            connection.close()
+            raise
+
+    return MicroscopeTrigger(session, config, f"SharkSEM at {config.host}:{config.port}", endpoint.release)
