@@ -33,6 +33,9 @@ from semlive_drivers.composite_config import AssembledSettings
 from semlive_drivers.composite_load_frame import FrameSettings
 from semlive_drivers.csv_load_file import Column, CsvSettings
 from semlive_drivers.load_approach import ApproachSettings
+from semlive_drivers.microscope.autoscript import AutoScriptSettings
+from semlive_drivers.microscope.sharksem.trigger import SharkSemSettings
+from semlive_drivers.microscope.smartsem import SmartSemSettings
 from semlive_drivers.modbus.settings import ModbusSettings, PartSettings, StageSettings
 from semlive_drivers.operator.load_frame import OperatorFrameSettings
 from semlive_drivers.operator.stage import OperatorSettings
@@ -72,6 +75,9 @@ DRIVERS: tuple[tuple[str, type], ...] = (
     ("Stage `operator`", OperatorSettings),
     ("Trigger `modbus`", ModbusSettings),
     ("Trigger `operator`", OperatorTriggerSettings),
+    ("Trigger `sharksem`", SharkSemSettings),
+    ("Trigger `smartsem`", SmartSemSettings),
+    ("Trigger `autoscript`", AutoScriptSettings),
 )
 ELSEWHERE = {
     "host": "Address of the device on the network.",

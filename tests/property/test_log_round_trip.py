@@ -21,6 +21,7 @@ from semlive.data.grid import Grid
 from semlive.data.loading import FrameLoad, LoadSample, MotionState, StageSample
 from semlive.data.pair import PairDecision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive.data.scan_report import ScanReading, ScanReport
 from semlive.data.strain import Displacement, ElasticConstants, MeasuredValue, StrainField, StrainSummary, Tensor2
 from semlive.errors import BadLog
 from semlive.formats.log import conversions as values
@@ -53,6 +54,9 @@ SAMPLES = st.builds(
     LoadSample, COUNT, TIME_NS, TIME_NS, FLOAT, FLOAT, st.sampled_from(MotionState), FLOAT, st.none() | FLOAT, REGISTERS, st.none() | FLOAT
 )
 STAGES = st.builds(StageSample, COUNT, TIME_NS, TIME_NS, FLOAT, FLOAT, st.sampled_from(MotionState), REGISTERS)
+OTHERS = st.dictionaries(TEXT, TEXT, max_size=4).map(lambda items: tuple(items.items()))
+READINGS = st.builds(ScanReading, TIME_NS, POSITIVE, st.none() | POSITIVE, POSITIVE, SIZE, SIZE, OTHERS)
+SCAN_REPORTS = st.builds(ScanReport, READINGS, READINGS, TEXT, TIME_NS, st.none() | POSITIVE)
 MEASURED = st.builds(MeasuredValue, FLOAT, FLOAT)
 GRIDS = st.builds(Grid, COUNT, COUNT, SIZE, st.integers(1, 6), st.integers(1, 6), SIZE)
 
@@ -69,6 +73,7 @@ def random_map(grid: Grid, seed: int) -> DisparityMap:
         PAIRS.map(lambda item: (values.pair_message, values.pair_decision, item)),
         SAMPLES.map(lambda item: (values.load_sample_message, values.load_sample, item)),
         STAGES.map(lambda item: (values.stage_sample_message, values.stage_sample, item)),
+        SCAN_REPORTS.map(lambda item: (values.trigger_message, values.trigger_report, item)),
     )
 )
 def test_nouns_come_back_equal_from_json(case: tuple) -> None:
