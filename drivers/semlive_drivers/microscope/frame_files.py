@@ -69,8 +69,8 @@ class PendingFrame:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         with contextlib.suppress(OSError):
-            for left in self._scratch.iterdir():
-                left.unlink()
+            for path in self._scratch.iterdir():
+                path.unlink()
             self._scratch.rmdir()
 
     def publish(self) -> str:

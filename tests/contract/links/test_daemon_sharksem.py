@@ -14,6 +14,8 @@ import pytest
 import yaml
 from scipy import ndimage
 
+from semlive.service.checks.instrument import check_trigger
+from semlive.service.config.configuration import load_config
 from semlive.service.log.files import messages
 
 from .sharksem_peer import Microscope, Peer
@@ -82,9 +84,12 @@ def test_a_pair_is_scanned_on_request_and_its_settings_are_in_the_log(peer: Peer
         assert scan["before"]["others"]["detector"] == "BSE"
     assert pair["first"]["timing"]["row_time_s"] == {"value": pytest.approx(0.2 / SIZE), "source": "file"}
     assert pair["first"]["pixel_size_m"]["value"] == pytest.approx(2e-4 / SIZE)
-    frame = str(tmp_path / "export" / pair["first"]["name"])
-    (planned,) = json.loads(semlive("plan", str(path), "--test-frame", frame, "--json").stdout)["trigger"]
-    assert "reports dwell time 3.2 us, row time 1.25 ms, field width 200 um, 160 x 160 px" in planned["said"]
+    config = load_config(path)
+    (found,) = check_trigger(config)
+    assert "reports dwell time 3.2 us, row time 1.25 ms, field width 200 um, 160 x 160 px" in found.observation
+    elsewhere = config.model_copy(update={"sem": config.sem.model_copy(update={"folder": tmp_path})})
+    wrong, _ = check_trigger(elsewhere)
+    assert f"the trigger writes into {tmp_path / 'export'}, the run reads {tmp_path}" in wrong.observation
 
 
 def test_a_field_that_changes_during_a_scan_ends_in_a_named_fault(peer: Peer, tmp_path: Path) -> None:

@@ -131,10 +131,10 @@ class Connection:
         """Receive `size` bytes; raises LinkError if they are late or the connection is closed before."""
         data = bytearray()
         while len(data) < size:
-            left_s = deadline_s - time.monotonic()
-            if left_s <= 0:
+            remaining_s = deadline_s - time.monotonic()
+            if remaining_s <= 0:
                 raise LinkError(f"no {what} within {self._timeout_s:g} s")
-            link.settimeout(left_s)
+            link.settimeout(remaining_s)
             try:
                 piece = link.recv(min(size - len(data), 1 << 20))
             except TimeoutError:

@@ -8,7 +8,7 @@ Commands that change something: ``GUISetScanning`` (the live image is stopped fo
 channel sends its data to this client), ``ScScanXY`` and ``ScStopScan``. No command moves the stage or changes the column.
 
 Unconfirmed at a microscope: that ``ScGetTimeEstEx`` divided by the rows is the row time; the byte order of 16-bit data; that the window of
-the scan is the whole field at any ratio of its sides.
+the scan is the entire field at any ratio of its sides.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class SharkSemSession:
 
     Args:
         connection: open connection, closed by `close`.
-        wanted: what is scanned.
+        scan_request: what is scanned.
         clock: experiment time.
         frame: identification of the frame, sent back with its data.
         timeout_s: longest time until a frame is complete, s.
@@ -68,8 +68,8 @@ class SharkSemSession:
         LinkError: the protocol of the microscope is too old.
     """
 
-    def __init__(self, connection: Connection, wanted: ScanRequest, clock: ClockSource, frame: int, timeout_s: float) -> None:
-        self._connection, self._wanted, self._clock, self._frame, self._timeout_s = connection, wanted, clock, frame, timeout_s
+    def __init__(self, connection: Connection, scan_request: ScanRequest, clock: ClockSource, frame: int, timeout_s: float) -> None:
+        self._connection, self._scan_request, self._clock, self._frame, self._timeout_s = connection, scan_request, clock, frame, timeout_s
         version = connection.command("TcpGetVersion").text()
         self._version = tuple(int(part) if part.isdecimal() else 0 for part in version.split("."))
         if self._version < OLDEST_PROTOCOL:
@@ -85,7 +85,7 @@ class SharkSemSession:
             LinkError: the beam is off or blanked, the scan is external, stage or an automatic procedure are busy, or there is no answer.
         """
         self._require_ready()
-        wanted, field_mm = self._wanted, self._connection.command("GetViewField").number()
+        scan_request, field_mm = self._scan_request, self._connection.command("GetViewField").number()
         dwell_s = self._dwell_time_s()
         if not field_mm > 0 or not dwell_s > 0:
             raise LinkError(f"{self.name} reports a field of {field_mm:g} mm and a dwell time of {dwell_s:g} s; set them at the microscope")
@@ -94,8 +94,8 @@ class SharkSemSession:
             dwell_time_s=dwell_s,
             row_time_s=self._row_time_s(dwell_s),
             field_width_m=field_mm * 1e-3,
-            width_px=wanted.width_px,
-            height_px=wanted.height_px,
+            width_px=scan_request.width_px,
+            height_px=scan_request.height_px,
             others=self._others(),
         )
 
@@ -112,7 +112,7 @@ class SharkSemSession:
         try:
             assembly = self._scan(before)
         finally:
-            if was_live and self._wanted.resume_live:
+            if was_live and self._scan_request.resume_live:
                 # After a lost connection the live image cannot be started again; the error that is raised names the loss.
                 with contextlib.suppress(LinkError):
                     command("GUISetScanning", 1)
@@ -126,16 +126,16 @@ class SharkSemSession:
         self._connection.close()
 
     def _scan(self, before: ScanReading) -> FrameAssembly:
-        command, wanted = self._connection.command, self._wanted
-        command("DtEnable", wanted.channel, 1, wanted.bits)
-        width, height = wanted.width_px, wanted.height_px
+        command, scan_request = self._connection.command, self._scan_request
+        command("DtEnable", scan_request.channel, 1, scan_request.bits)
+        width, height = scan_request.width_px, scan_request.height_px
         area = (width, height, 0, 0, width - 1, height - 1)
         dwell_ns = round(before.dwell_time_s * 1e9)
         stable = Flag.WAIT_SCAN | Flag.WAIT_OPTICS | Flag.WAIT_AUTOMATIC
         result = command("ScScanXY", self._frame, *area, 1, dwell_ns, wait=stable).integer()
         if result < 0:
             raise LinkError(f"{self.name} refused the scan of {width} x {height} px at {dwell_ns} ns (ScScanXY: {result})")
-        assembly = FrameAssembly(self._frame, wanted.channel, width, height, wanted.bits)
+        assembly = FrameAssembly(self._frame, scan_request.channel, width, height, scan_request.bits)
         deadline_s = time.monotonic() + self._timeout_s
         try:
             while assembly.missing:
@@ -167,8 +167,8 @@ class SharkSemSession:
 
     def _dwell_time_s(self) -> float:
         command = self._connection.command
-        if self._wanted.dwell_time_us is not None:
-            return self._wanted.dwell_time_us * 1e-6
+        if self._scan_request.dwell_time_us is not None:
+            return self._scan_request.dwell_time_us * 1e-6
         speed = command("ScGetSpeed").integer()
         text = command("ScEnumSpeeds").map().get(f"speed.{speed}.dwell", "")
         try:
@@ -179,7 +179,7 @@ class SharkSemSession:
     def _row_time_s(self, dwell_s: float) -> float | None:
         if self._version < _TIME_ESTIMATE_PROTOCOL:
             return None
-        width, height = self._wanted.width_px, self._wanted.height_px
+        width, height = self._scan_request.width_px, self._scan_request.height_px
         dwell_ns = round(dwell_s * 1e9)
         frame_s = self._connection.command("ScGetTimeEstEx", width, height, 0, 0, width - 1, height - 1, 1, dwell_ns).number()
         row_s = frame_s / height
@@ -191,7 +191,7 @@ class SharkSemSession:
         command = self._connection.command
         mode = command("SMGetMode").integer()
         others = [("scan mode", command("SMEnumModes").map().get(f"mode.{mode}.name", str(mode)))]
-        detector = command("DtGetSelected", self._wanted.channel).integer()
+        detector = command("DtGetSelected", self._scan_request.channel).integer()
         detectors = command("DtEnumDetectors").map()
         numbers = [key.split(".")[1] for key, value in detectors.items() if key.endswith(".detector") and value == str(detector)]
         others.append(("detector", detectors.get(f"det.{numbers[0]}.name", str(detector)) if numbers else str(detector)))

@@ -63,13 +63,13 @@ def check_device(settings: Mapping[str, object], clock: ClockSource) -> Sequence
 
 def _trigger(config: SharkSemSettings, clock: ClockSource) -> MicroscopeTrigger:
     endpoint = reserve_tcp(config.host, config.port)
-    wanted = ScanRequest(config.width_px, config.height_px, config.channel, config.bits, config.dwell_time_us, config.resume_live)
+    scan_request = ScanRequest(config.width_px, config.height_px, config.channel, config.bits, config.dwell_time_us, config.resume_live)
     frames = itertools.count(1)
 
     def session() -> SharkSemSession:
         connection = Connection(config.host, config.port, config.answer_timeout_s)
         try:
-            return SharkSemSession(connection, wanted, clock, next(frames), config.frame_timeout_s)
+            return SharkSemSession(connection, scan_request, clock, next(frames), config.frame_timeout_s)
         except BaseException:
             connection.close()
             raise
