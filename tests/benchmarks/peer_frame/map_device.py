@@ -26,7 +26,7 @@ from map_registers import (
     OrientalRegisters,
     WagoRegisters,
 )
-from map_text import MantracourtAmplifier, Mark10Stand, MercuryController
+from map_text import ForceGauge, MantracourtAmplifier, Mark10Stand, MercuryController
 from second_frame import Control, Server, machine_of
 from second_machine import Machine
 from serial_lines import PseudoLine, rtu_line, text_line
@@ -149,6 +149,18 @@ def _flintec_pi(device: MapDevice) -> None:
     device.registers, device.link = FlintecRegisters(device.machine, device.note), 2
 
 
+def _mark10_gauge_pi(device: MapDevice) -> None:
+    """Drive on one line of text, gauge on another."""
+    device.text(1, MercuryController(device.machine, device.note))
+    device.text(2, ForceGauge(device.machine, device.note, is_imada=False))
+
+
+def _imada_oriental(device: MapDevice) -> None:
+    """Gauge on a line of text, drive on a line of Modbus RTU."""
+    device.text(1, ForceGauge(device.machine, device.note, is_imada=True))
+    device.rtu(2, OrientalRegisters(device.machine, device.note))
+
+
 def _csv_oriental(device: MapDevice) -> None:
     """Cell by a load file, drive on a line of Modbus RTU."""
     device.writes_file = True
@@ -169,6 +181,8 @@ KINDS: dict[str, Callable[[MapDevice], None]] = {
     "laumas_leadshine": _laumas_leadshine,
     "mantracourt_oriental_wago": _mantracourt_oriental_wago,
     "flintec_pi": _flintec_pi,
+    "mark10_gauge_pi": _mark10_gauge_pi,
+    "imada_oriental": _imada_oriental,
     "csv_oriental": _csv_oriental,
     "hand": _hand,
 }

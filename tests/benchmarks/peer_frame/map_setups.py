@@ -132,6 +132,32 @@ SETUPS: tuple[Setup, ...] = (
         parts={"drive": 1, "cell": 2},
     ),
     Setup(
+        "mark10-gauge-pi",
+        "mark10_gauge_pi",
+        ("mark10_gauge", "pi_c863"),
+        "assembled",
+        {
+            "cell": {"protocol": "ascii", "map": "mark10_gauge", "serial": _LINE2},
+            "drive": {"protocol": "ascii", "map": "pi_c863", "serial": _LINE1, "confirmed": True},
+            "approach": {"stiffness_n_mm": 1000, "speed_max_mm_s": 0.1},
+        },
+        _compliant(1000.0, 0.1),
+        parts={"drive": 1, "cell": 2},
+    ),
+    Setup(
+        "imada-oriental",
+        "imada_oriental",
+        ("imada_gauge", "oriental_az"),
+        "assembled",
+        {
+            "cell": {"protocol": "ascii", "map": "imada_gauge", "serial": _LINE1},
+            "drive": {**_ORIENTAL, "serial": {**_LINE2, "parity": "none"}},
+            "approach": {"stiffness_n_mm": 2000, "speed_max_mm_s": 0.1},
+        },
+        _compliant(2000.0, 0.05),
+        parts={"cell": 1, "drive": 2},
+    ),
+    Setup(
         "csv-oriental",
         "csv_oriental",
         ("oriental_az",),

@@ -1,4 +1,4 @@
-"""Devices that reply in lines of text, written from the makers' command lists: a test stand and a strain-gage amplifier."""
+"""Devices that reply in lines of text, written from the makers' command lists: a test stand, an amplifier, force gauges, a drive."""
 
 from __future__ import annotations
 
@@ -152,6 +152,45 @@ class MantracourtAmplifier:
             case _:
                 self._note(f"NOT UNDERSTOOD {request}")
                 return b"?"
+
+
+class ForceGauge:
+    """A force gauge that answers one request with its present reading, until a carriage return.
+
+    Args:
+        machine: whose load it measures.
+        note: writes a line of the log.
+        is_imada: the reply of an Imada DST to ``D``; else that of a Mark-10 gauge to ``?C``, whose polarity is inverted.
+    """
+
+    RANGE_N = 1000.0
+
+    def __init__(self, machine: Machine, note: Note, *, is_imada: bool) -> None:
+        self._machine, self._note, self._is_imada = machine, note, is_imada
+        self._received = b""
+
+    def forget(self) -> None:
+        """A restart: what was received is forgotten."""
+        self._received = b""
+
+    def receive(self, data: bytes) -> bytes:
+        """Answer every complete request."""
+        self._received += data
+        replies = b""
+        while b"\r" in self._received:
+            request, _, self._received = self._received.partition(b"\r")
+            replies += self._answer(request)
+        return replies
+
+    def _answer(self, request: bytes) -> bytes:
+        force_n = self._machine.shown().force_n
+        beyond = math.isnan(force_n) or abs(force_n) > self.RANGE_N
+        if request != (b"D" if self._is_imada else b"?C"):
+            self._note(f"NOT UNDERSTOOD {request!r}")
+            return b"E\r" if self._is_imada else b"*10\r\n"
+        if self._is_imada:
+            return b"+999.99NTE\r" if beyond else f"{force_n:+07.2f}NTO\r".encode()
+        return b"*11\r\n" if beyond else f"{force_n:.2f} N\r\n".encode()
 
 
 class MercuryController:

@@ -54,6 +54,34 @@ def test_an_amplifier_reports_its_load_in_the_unit_of_the_configuration() -> Non
     assert not [requests for requests in amplifier.asked if "?" not in requests]
 
 
+@pytest.mark.parametrize(
+    ("name", "replies"),
+    [
+        ("mark10_gauge", ("-18.78 lbF\r\n", "4.285 N\r\n", "*10\r\n", "*11\r\n", "12.5 ozF\r\n")),
+        ("imada_gauge", ("-083.54NTO\r", "+004.285NTH\r", "+012.3NPO\r", "+050.0NTE\r", "+012.3KTO\r")),
+    ],
+)
+def test_a_gauge_reports_its_load_and_nothing_else_as_one(name: str, replies: tuple[str, ...]) -> None:
+    present, requests = [replies[0]], list[str]()
+
+    def answer(line: str) -> str:
+        requests.append(line)
+        return present[0]
+
+    with over_text(answer) as path:
+        frame = open_load_frame({"map": name, "serial": {"port": path, "slowest_s": 0.05}}, CLOCK)
+        assert frame.read().force_n == pytest.approx(-83.54, abs=0.01)
+        present[0] = replies[1]
+        assert frame.read().force_n == pytest.approx(4.285)
+        with pytest.raises(LinkError, match="cannot be moved by semlive"):
+            frame.ramp_to(1.0, 1.0)
+        for present[0] in replies[2:]:
+            with pytest.raises(LinkError):
+                frame.read()
+        frame.close()
+    assert set(requests) == {"?C" if name == "mark10_gauge" else "D"}
+
+
 CHECKED = """
 protocol: ascii
 name: with checksums
