@@ -1,7 +1,8 @@
-"""The rehearsal as a person takes it: at a terminal, with Enter, loads, and answers that are wrong at first."""
+"""The rehearsal as a person takes it: with Enter, loads, and answers that are wrong at first, at the terminal and on the page."""
 
 from __future__ import annotations
 
+import http.client
 import json
 import os
 import pty
@@ -20,6 +21,8 @@ from semlive.service.log.files import messages
 
 MOVE = re.compile(r"move the specimen about .*?then press enter", re.DOTALL)
 LOAD = re.compile(r"bring the load to ([\d.]+) N at .*?press enter when it is there", re.DOTALL)
+PAGE = re.compile(r"live page: http://([\d.]+):(\d+)/#token=(\w+)")
+QUESTION = re.compile(rb'"question": ?"(terminal\.\d+)"')
 COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 TIMEOUT_S = 500.0
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "rehearsal.md"
@@ -33,6 +36,8 @@ class Person:
         self.process = subprocess.Popen(command, stdin=other, stdout=other, stderr=other)
         os.close(other)
         self._text, self._read_to = "", 0
+        self._question = ""
+        self.page_replies: list[tuple[int, str]] = []
 
     def read(self) -> str | None:
         """What is new on the terminal, within 0.2 s; None at its end."""
@@ -56,16 +61,40 @@ class Person:
         self._read_to = len(self._text)
         os.write(self._terminal, line.encode() + b"\n")
 
+    def answer_on_page(self, line: str) -> None:
+        """Read the open question from the events of the page, and send an answer to it as the page does."""
+        address = PAGE.search(COLOURS.sub("", self._text))
+        assert address is not None, self._text
+        host, port, token = address[1], int(address[2]), address[3]
+        if not self._question:
+            events = http.client.HTTPConnection(host, port, timeout=60)
+            events.request("GET", "/events")
+            stream, received = events.getresponse(), b""
+            while (shown := QUESTION.search(received)) is None:
+                received += stream.read1(65536)
+            self._question = shown[1].decode()
+            events.close()
+        self._read_to = len(self._text)
+        headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json", "Origin": f"http://{host}:{port}"}
+        page = http.client.HTTPConnection(host, port, timeout=60)
+        page.request("POST", "/say", json.dumps({"question": self._question, "answer": line}), headers)
+        reply = page.getresponse()
+        self.page_replies.append((reply.status, reply.read().decode()))
+        page.close()
+
     def rehearse(self) -> str:
-        """Answer every question, loads first wrongly, to the end of the run; everything that was on the terminal."""
+        """Answer every question, loads first wrongly and the last load on the page; everything that was on the terminal."""
         deadline = time.monotonic() + TIMEOUT_S
         while (text := self.read()) is not None and time.monotonic() < deadline:
             if (asked := LOAD.search(text)) is not None:
-                self.answer("abc")
+                answer = self.answer_on_page if asked[1] == "300" else self.answer
+                answer("abc")
                 self.wait_for("is no load")
-                self.answer(str(float(asked[1]) - 30.0))
+                answer(str(float(asked[1]) - 30.0))
                 self.wait_for("bring it nearer")
-                self.answer(asked[1])
+                answer(asked[1])
+                if self._question:
+                    answer(asked[1])
             elif MOVE.search(text) is not None:
                 self.answer("")
         self.process.wait(TIMEOUT_S)
@@ -78,6 +107,7 @@ class Rehearsal:
     folder: Path
     code: int
     said: str
+    page_replies: tuple[tuple[int, str], ...]
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
         return [json.loads(message.payload) for message in messages(self.folder / "log" / "demo") if message.topic == topic]
@@ -89,7 +119,7 @@ def rehearsal(tmp_path_factory: pytest.TempPathFactory) -> Rehearsal:
     command = [sys.executable, "-m", "semlive", "demo", "--operator", "--short", "--rate", "40", "--out", str(folder)]
     person = Person(command)
     said = " ".join(COLOURS.sub("", person.rehearse()).split())
-    return Rehearsal(folder, person.process.returncode, said)
+    return Rehearsal(folder, person.process.returncode, said, tuple(person.page_replies))
 
 
 @pytest.mark.timeout(600)
@@ -115,6 +145,12 @@ def test_wrong_answers_end_no_question(rehearsal: Rehearsal) -> None:
     assert [what for what, _ in events] == ["asked", "answered"] * 4
     assert [text for what, text in events if what == "answered"] == ["", "", "100", "300"]
     assert "that is -30 N from 300 N" in rehearsal.said
+
+
+def test_the_last_load_is_answered_on_the_page(rehearsal: Rehearsal) -> None:
+    """Wrong answers leave the question open there too; after the right one it is closed."""
+    assert [status for status, _ in rehearsal.page_replies] == [200, 200, 200, 409]
+    assert rehearsal.page_replies[-1][1] == '{"text":"this question is not open any more"}'
 
 
 def test_the_simulator_did_what_was_answered(rehearsal: Rehearsal) -> None:
