@@ -61,7 +61,7 @@ class MapDevice(Server):
         self.lines.append(rtu_line(self.folder / f"line{number}", number, self.machine, dict(enumerate(units, 1))))
         self.forgetting += [unit.forget for unit in units]
 
-    def text(self, number: int, device: Mark10Stand | MantracourtAmplifier | MercuryController) -> None:
+    def text(self, number: int, device: Mark10Stand | MantracourtAmplifier | ForceGauge | MercuryController) -> None:
         """A line of text."""
         self.lines.append(text_line(self.folder / f"line{number}", number, self.machine, device))
         self.forgetting.append(device.forget)

@@ -115,7 +115,7 @@ class Peer:
         if flags >> 8 & 1:  # Wait A: executed only when no scan is active
             while self._scanning.is_set():
                 time.sleep(0.002)
-        arguments = tuple(int.from_bytes(body[at : at + 4], "little") for at in range(0, len(body), 4))
+        arguments = [int.from_bytes(body[at : at + 4], "little") for at in range(0, len(body), 4)]
         answer = self._answer(name, arguments)
         if answer is None and not flags & 1:
             return
@@ -133,14 +133,14 @@ class Peer:
         reply = reply[:-4] if fault == "short" else reply
         link.sendall(struct.pack("<16sIIHHI", sent.encode(), len(reply), number, 0, queue, 0) + reply)
 
-    def _answer(self, name: str, arguments: tuple[int, ...]) -> tuple[tuple[str, object], ...] | None:
+    def _answer(self, name: str, arguments: list[int]) -> tuple[tuple[str, object], ...] | None:
         m = self.microscope
         if name == "TcpRegDataPort":
             self._registered = arguments[0]
             self._data_ready.clear()
             return (("int", 0),)
         if name == "ScScanXY":
-            m.scans.append(arguments)
+            m.scans.append(tuple(arguments))
             if not m.result:
                 self._scanning.set()
                 threading.Thread(target=self._scan, args=(arguments,), daemon=True).start()
@@ -163,7 +163,7 @@ class Peer:
             "HVGetBeam": (("int", m.beam),),
             "ScGetBlanker": (("int", m.blanker),),
             "ScGetExternal": (("int", m.external),),
-            "IsBusy": (("int", int(bool(m.busy & (arguments or (0,))[0]))),),
+            "IsBusy": (("int", int(bool(m.busy & sum(arguments)))),),
             "GetViewField": (("text", f"{m.field_mm:.6e}"),),
             "ScGetSpeed": (("int", m.speed),),
             "ScEnumSpeeds": (("text", SPEEDS),),
@@ -175,7 +175,7 @@ class Peer:
             "GUIGetScanning": (("int", m.live),),
         }[name]
 
-    def _scan(self, arguments: tuple[int, ...]) -> None:
+    def _scan(self, arguments: list[int]) -> None:
         m, (frame, width, height) = self.microscope, arguments[:3]
         bits = self._enabled.get(0, 8)
         self._data_ready.wait(5)
