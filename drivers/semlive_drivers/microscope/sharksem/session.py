@@ -8,7 +8,8 @@ Commands that change something: ``GUISetScanning`` (the live image is stopped fo
 channel sends its data to this client), ``ScScanXY`` and ``ScStopScan``. No command moves the stage or changes the column.
 
 Unconfirmed at a microscope: that ``ScGetTimeEstEx`` divided by the rows is the row time; the byte order of 16-bit data; that the window of
-the scan is the entire field at any ratio of its sides.
+the scan is the entire field at any ratio of its sides. The manual demands an exclusive lock for a client that scans, and describes no
+command for it; a scan of another client is only found by its wait flag.
 """
 
 from __future__ import annotations
