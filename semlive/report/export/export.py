@@ -7,6 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from semlive.errors import BadInput
+from semlive.report.export.archive.deposit import Deposit
+from semlive.report.export.archive.nexus_writer import NexusWriter
+from semlive.report.export.archive.provenance import export_provenance
+from semlive.report.export.archive.ro_crate_writer import RoCrateWriter
 from semlive.report.export.csv_writer import CsvWriter
 from semlive.report.export.fields import Format, RunMetadata, Writer
 from semlive.report.export.hdf5_writer import Hdf5Writer
@@ -25,7 +29,13 @@ WRITERS: dict[Format, Callable[[Path], Writer]] = {
     Format.MAT: MatWriter,
     Format.VTK: VtkWriter,
     Format.PNG: PngWriter,
+    Format.NEXUS: NexusWriter,
+    Format.RO_CRATE: RoCrateWriter,
 }
+ONE_FILE = frozenset((Format.HDF5, Format.MAT, Format.NEXUS))
+"""Formats that write one file; the others write a folder."""
+DESCRIBED = frozenset((Format.NEXUS, Format.RO_CRATE))
+"""Formats that archive a run: they contain its provenance and the description of a deposit."""
 
 
 def export_log(
@@ -34,15 +44,17 @@ def export_log(
     out: Path,
     progress: Callable[[str, int, int], None] | None = None,
     by: Callable[[ReplayRequest, ReplayCallbacks | None], ReplayResult] = replay,
+    deposit: Deposit | None = None,
 ) -> ReplayResult:
     """Write a log's corrected fields, one frame in memory at a time.
 
     Args:
         request: the log; without a source its disparity maps are used.
         kind: format.
-        out: file (hdf5, mat) or folder (csv, vtk, png).
+        out: file (hdf5, mat, nexus) or folder (all others).
         progress: called with the name of the task, the finished part and the total.
         by: name of the replaying program.
+        deposit: description of a deposit, for formats that archive a run.
 
     Raises:
         BadInput: the log cannot be read, its calibration is refused, or `out` cannot be written.
@@ -54,7 +66,11 @@ def export_log(
         try:
             done = by(request, ReplayCallbacks(progress, None, writer.write_frame, point_sigma=True))
             require_calibration(request.log, done)
-            writer.write_metadata(run_metadata(request.log, done))
+            metadata = run_metadata(request.log, done)
+            if kind in DESCRIBED:
+                provenance = export_provenance(request.log, deposit or Deposit(), done.settings.scan)
+                metadata = replace(metadata, provenance=provenance)
+            writer.write_metadata(metadata)
             complete = True
         finally:
             writer.close(complete)
