@@ -125,6 +125,8 @@ def read_deposit(path: Path) -> Deposit:
         return Deposit.model_validate(text.value)
     except ValidationError as error:
         first = error.errors()[0]
-        line = text.line(first["loc"])
-        place = ".".join(map(str, first["loc"]))
-        raise BadConfig(f"{path}: {'' if line is None else f'line {line}: '}{place}: {first['msg']}; correct it") from error
+        key = (first.get("ctx") or {}).get("key")
+        place = first["loc"] if key is None else (*first["loc"], str(key))
+        line = text.line(place)
+        where = f"{path}: " if line is None else f"{path}: line {line}: "
+        raise BadConfig(f"{where}{'.'.join(map(str, place)) or 'sections'}: {first['msg'].rstrip('?')}; correct it") from error
