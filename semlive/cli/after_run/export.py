@@ -12,7 +12,7 @@ from semlive.cli.after_run.replay import EstimationMethod
 from semlive.cli.shared.output_path import output_file, output_folder
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.errors import BadInput
-from semlive.report.export import DESCRIBED, ONE_FILE, Format, export_log, read_deposit
+from semlive.report.export import DESCRIBED, ONE_FILE, Deposit, Format, export_log, read_deposit
 from semlive.service.config.overrides import parse_changes
 from semlive.service.replay.replay import ReplayRequest, Source
 
@@ -36,7 +36,8 @@ def export(
     changes = parse_changes(settings or [])
     if describe is not None and kind not in DESCRIBED:
         raise BadInput(f"--describe: {kind.value} contains no description; it is for --format {' and '.join(sorted(DESCRIBED))}")
-    deposit = None if describe is None else read_deposit(describe)
+    deposit = Deposit() if describe is None else read_deposit(describe)
+    missing = deposit.missing if kind in DESCRIBED else ()
     (output_file if kind in ONE_FILE else output_folder)(out, "--out")
     images = from_images or any(change.of_images for change in changes)
     source = Source.IMAGES if images else Source.DISPARITY
@@ -45,6 +46,9 @@ def export(
         replayed = export_log(request, kind, out, progress, deposit=deposit)
     frames = [summary.frame for summary in replayed.result.summaries]
     if as_json:
-        typer.echo(json.dumps({"out": str(out), "format": kind.value, "frames": frames}))
+        described = {"missing": list(missing)} if kind in DESCRIBED else {}
+        typer.echo(json.dumps({"out": str(out), "format": kind.value, "frames": frames, **described}))
     else:
         typer.echo(f"{out}: {len(frames)} frames")
+        if missing:
+            typer.echo(f"not described: {', '.join(missing)}; give a YAML file with them by --describe")

@@ -16,7 +16,7 @@ from semlive.report.export.fields import Format, RunMetadata, Writer
 from semlive.report.export.hdf5_writer import Hdf5Writer
 from semlive.report.export.mat_writer import MatWriter
 from semlive.report.export.png_writer import PngWriter
-from semlive.report.export.vtk_writer import VtkWriter
+from semlive.report.export.vtk_writer import VtkWriter, VtuWriter
 from semlive.service.analysis.result_json import result_json
 from semlive.service.config.overrides import as_keys
 from semlive.service.log.files import log_name
@@ -28,6 +28,7 @@ WRITERS: dict[Format, Callable[[Path], Writer]] = {
     Format.CSV: CsvWriter,
     Format.MAT: MatWriter,
     Format.VTK: VtkWriter,
+    Format.VTU: VtuWriter,
     Format.PNG: PngWriter,
     Format.NEXUS: NexusWriter,
     Format.RO_CRATE: RoCrateWriter,

@@ -83,6 +83,7 @@ class Format(StrEnum):
     CSV = "csv"
     MAT = "mat"
     VTK = "vtk"
+    VTU = "vtu"
     PNG = "png"
     NEXUS = "nexus"
     RO_CRATE = "ro-crate"

@@ -29,7 +29,7 @@ from semlive.report.export.archive.deposit import NO_LICENCE, Deposit
 from semlive.report.export.archive.nexus_writer import NexusWriter
 from semlive.report.export.archive.provenance import HashedFile, export_provenance
 from semlive.report.export.export import run_metadata
-from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, Source, replay
+from semlive.service.replay.replay import ReplayRequest, replay
 
 Semlive = Callable[..., tuple[int, str, str]]
 DESCRIPTION = """\
@@ -205,8 +205,9 @@ def test_crate_names_persons_programs_instrument_and_licence(graph: dict[str, di
     assert graph[root["license"]["@id"]]["name"] == "CC-BY-4.0"
     assert [graph[author["@id"]]["name"] for author in root["author"]] == ["Ada Lovelace", "Charles Babbage"]
     assert graph["#microscope"]["model"] == "Quanta 600"
-    assert graph[graph["#analysis"]["instrument"]["@id"]]["softwareVersion"]
-    assert graph["#analysis"]["object"] == [{"@id": "log/tension.mcap"}]
+    assert graph[graph["#analysis"]["instrument"]["@id"]]["version"]
+    assert graph["#analysis"]["object"] == {"@id": "log/tension.mcap"}
+    assert graph[root["publisher"]["@id"]]["name"] == "Example University"
 
 
 def test_every_reference_of_the_crate_leads_to_an_entity(graph: dict[str, dict[str, Any]]) -> None:
@@ -221,8 +222,11 @@ def test_every_reference_of_the_crate_leads_to_an_entity(graph: dict[str, dict[s
 
 
 def test_crate_without_description_leaves_the_licence_to_the_owner(semlive: Semlive, short: Path, tmp_path: Path) -> None:
-    code, _, err = semlive("export", short, "--format", "ro-crate", "-o", tmp_path / "crate", "--until", "0")
+    code, printed, err = semlive("export", short, "--format", "ro-crate", "-o", tmp_path / "crate", "--until", "0", "--json")
     assert (code, err) == (0, "")
+    assert json.loads(printed)["missing"] == [
+        "licence", "people", "instrument.emitter_type", "sample.atom_types", "sample.preparation_date"
+    ]  # fmt: skip
     entities = {entity["@id"]: entity for entity in json.loads((tmp_path / "crate" / "ro-crate-metadata.json").read_text())["@graph"]}
     assert entities[entities["./"]["license"]["@id"]]["description"] == NO_LICENCE
 

@@ -105,6 +105,18 @@ class Deposit(Section):
     sample: Sample = Sample()
 
     @property
+    def missing(self) -> tuple[str, ...]:
+        """Keys without a value that NeXus or a repository requires."""
+        given = {
+            "licence": self.licence,
+            "people": self.people,
+            "instrument.emitter_type": self.instrument.emitter_type,
+            "sample.atom_types": self.sample.atom_types,
+            "sample.preparation_date": self.sample.preparation_date,
+        }
+        return tuple(key for key, value in given.items() if not value)
+
+    @property
     def date(self) -> str:
         """Date of the publication as ISO 8601."""
         return self.published or datetime.now().astimezone().date().isoformat()

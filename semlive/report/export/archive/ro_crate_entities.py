@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Any
 from urllib.parse import quote
 
 from semlive.report.export.archive.deposit import NO_LICENCE, Deposit, Person
 from semlive.report.export.archive.nexus_microscope import frame_infos, vendor_name
-from semlive.report.export.archive.nexus_nodes import iso_time
 from semlive.report.export.archive.provenance import ExportProvenance, HashedFile
 from semlive.report.export.fields import RunMetadata, constants
 
@@ -42,10 +42,11 @@ def crate(metadata: RunMetadata, files: Sequence[HashedFile]) -> Entity:
     assert provenance is not None  # checked by the writer
     deposit = provenance.deposit
     people = [_person(person, number) for number, person in enumerate(deposit.people, 1)]
+    organisations = _affiliations(deposit.people)
     licence = _licence(deposit.licence)
     measured = list(_measured(metadata))
     subjects = [_sample(metadata, deposit), _microscope(metadata, provenance)]
-    actions = _actions(metadata, files, people, subjects)
+    actions = _actions(metadata, files, people)
     root = {
         "@id": "./",
         "@type": "Dataset",
@@ -56,11 +57,12 @@ def crate(metadata: RunMetadata, files: Sequence[HashedFile]) -> Entity:
         "license": _reference(licence),
         "conformsTo": {"@id": _PROCESS},
         "hasPart": [{"@id": _path(file.name)} for file in files],
-        "mentions": [_reference(action) for action in actions],
-        "about": [_reference(subject) for subject in subjects],
-        **({"author": [_reference(person) for person in people]} if people else {}),
+        "mentions": _references(actions),
+        "about": _references(subjects),
+        **({"author": _references(people)} if people else {}),
+        **({"publisher": _reference(organisations[0])} if organisations else {}),
         **({"keywords": ", ".join(deposit.keywords)} if deposit.keywords else {}),
-        **({"variableMeasured": [_reference(value) for value in measured]} if measured else {}),
+        **({"variableMeasured": _references(measured)} if measured else {}),
     }
     descriptor = {"@id": METADATA_FILE, "@type": "CreativeWork", "conformsTo": {"@id": _CRATE}, "about": {"@id": "./"}}
     return {
@@ -71,13 +73,13 @@ def crate(metadata: RunMetadata, files: Sequence[HashedFile]) -> Entity:
             *(_file(file) for file in files),
             licence,
             *people,
-            *_affiliations(deposit.people),
+            *organisations,
             *subjects,
             *actions,
             *_programs(provenance),
             *measured,
             {"@id": _PROCESS, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
-            {"@id": _NXEM, "@type": "WebPage", "name": "NeXus application definition NXem"},
+            {"@id": _NXEM, "@type": "WebSite", "name": "NeXus application definition NXem"},
         ],
     }
 
@@ -97,23 +99,21 @@ def _file(file: HashedFile) -> Entity:
     }
 
 
-def _actions(
-    metadata: RunMetadata, files: Sequence[HashedFile], people: Sequence[Entity], subjects: Sequence[Entity]
-) -> tuple[Entity, Entity]:
+def _actions(metadata: RunMetadata, files: Sequence[HashedFile], people: Sequence[Entity]) -> tuple[Entity, Entity]:
     """Return the recording of the run, and its analysis."""
     infos = frame_infos(metadata).values()
-    log = [{"@id": _path(file.name)} for file in files if file.name.startswith("log/")]
-    results = [{"@id": _path(file.name)} for file in files if not file.name.startswith("log/")]
+    entities = [(file.name.startswith("log/"), {"@id": _path(file.name)}) for file in files]
+    log = _references([entity for is_log, entity in entities if is_log])
+    results = _references([entity for is_log, entity in entities if not is_log])
     agent = {"agent": _reference(people[0])} if people else {}
     recording = {
         "@id": "#recording",
         "@type": "CreateAction",
         "name": f"Recording of the run {metadata.name}",
         "description": "Loading of the specimen in the microscope, with pairs of images at each load.",
-        "startTime": iso_time(min(info.start_time_ns.value for info in infos)),
-        "endTime": iso_time(max(info.end_time_ns for info in infos)),
+        "startTime": _seconds(min(info.start_time_ns.value for info in infos)),
+        "endTime": _seconds(max(info.end_time_ns for info in infos)),
         "instrument": {"@id": "#semlive-recording"},
-        "object": [_reference(subject) for subject in subjects],
         "result": log,
         **agent,
     }
@@ -122,7 +122,7 @@ def _actions(
         "@type": "CreateAction",
         "name": "Analysis of the log",
         "description": f"Drift, distortion, displacement and strain by the method {metadata.result_json['method']}.",
-        "endTime": recording["endTime"],
+        "endTime": datetime.now(UTC).isoformat(timespec="seconds"),
         "instrument": {"@id": "#semlive"},
         "object": log,
         "result": results,
@@ -140,7 +140,6 @@ def _programs(provenance: ExportProvenance) -> Iterable[Entity]:
             "name": "semlive",
             "description": "Live drift- and distortion-corrected strain measurement inside a scanning electron microscope.",
             "version": version,
-            "softwareVersion": version,
             "license": {"@id": "https://spdx.org/licenses/BSD-3-Clause"},
         }
     yield {"@id": "https://spdx.org/licenses/BSD-3-Clause", "@type": "CreativeWork", "name": "BSD 3-Clause License"}
@@ -202,7 +201,7 @@ def _person(person: Person, number: int) -> Entity:
     return {key: value for key, value in entity.items() if value is not None}
 
 
-def _affiliations(people: Iterable[Person]) -> Iterable[Entity]:
+def _affiliations(people: Iterable[Person]) -> list[Entity]:
     names = dict.fromkeys(person.affiliation for person in people if person.affiliation is not None)
     return [{"@id": _organisation_id(name), "@type": "Organization", "name": name} for name in names]
 
@@ -220,6 +219,17 @@ def _licence(licence: str | None) -> Entity:
 
 def _reference(entity: Entity) -> Entity:
     return {"@id": entity["@id"]}
+
+
+def _references(entities: Sequence[Entity]) -> Entity | list[Entity]:
+    """Return references to entities; one alone is no list, as RO-Crate recommends."""
+    found = [_reference(entity) for entity in entities]
+    return found[0] if len(found) == 1 else found
+
+
+def _seconds(time_ns: int) -> str:
+    """Return an instant as ISO 8601 in whole seconds, as Process Run Crate recommends."""
+    return datetime.fromtimestamp(time_ns // 10**9, UTC).isoformat()
 
 
 def _path(name: str) -> str:
