@@ -109,7 +109,12 @@ def test_what_the_pages_show_can_be_done_with_its_log(demo: Demo, tmp_path: Path
     monkeypatch.chdir(tmp_path)
     log, (first, second, *_) = demo.folder / "log" / "demo", sorted((demo.folder / "instrument" / "export").glob("*.tif"))
     places = {"LOG": log, "FILE": first, "REF": first, "CUR": second, "SCENARIO": "short", "CONFIG": demo.folder / "run.yaml"}
-    places |= {"TRUTH": demo.folder / "instrument" / "truth.json", "WITHOUT": log, "WITH": log, "hdf5|csv|mat|vtk|vtu|png|nexus|ro-crate": "hdf5"}
+    places |= {
+        "TRUTH": demo.folder / "instrument" / "truth.json",
+        "WITHOUT": log,
+        "WITH": log,
+        "hdf5|csv|mat|vtk|vtu|png|nexus|ro-crate": "hdf5",
+    }
     told = [line for _, line in CASES if line.split()[0] in ON_A_LOG and re.search(r" (?:LOG|FILE|REF|CONFIG|SCENARIO)\b", line)]
     typed: dict[tuple[str, ...], str] = {}
     for line in (one for one in told if not SLOW.match(one)):
