@@ -45,8 +45,8 @@ def region_answer(
     Args:
         test_frame: image file of the microscope.
         region: region as text from the command line; None if it was not given.
-        draw: whether to draw in the browser; None: the user is asked.
-        ask: whether questions are asked at all.
+        draw: whether to draw in the browser; None: a question decides.
+        ask: whether the command may ask questions.
         opened: opens an address in a browser.
 
     Raises:

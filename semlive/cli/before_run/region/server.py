@@ -125,7 +125,7 @@ def _handler(
 
         def _is_local(self) -> bool:
             """Whether the request names this server: a foreign name that leads here belongs to another page (DNS rebinding)."""
-            port = self.server.server_address[1]
+            port = self.connection.getsockname()[1]
             if self.headers.get("host", "") not in (f"{_HOST}:{port}", f"localhost:{port}"):
                 self._send(421, b"not the name of this server", "text/plain")
                 return False

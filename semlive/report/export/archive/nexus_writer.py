@@ -174,10 +174,10 @@ class NexusWriter:
 
 def _add_elastic(roi: h5py.Group, constants: dict[str, float]) -> None:
     units = {"youngs_modulus_gpa": ("youngs_modulus", "GPa"), "poissons_ratio": ("poissons_ratio", "1")}
-    known = {key: name for key, name in units.items() if key in constants}
-    if known:
-        group = add_group(roi, "elastic", "NXparameters", **{name: (constants[key], unit) for key, (name, unit) in known.items()})
-        for key, (name, _) in known.items():
+    present = {key: name for key, name in units.items() if key in constants}
+    if present:
+        group = add_group(roi, "elastic", "NXparameters", **{name: (constants[key], unit) for key, (name, unit) in present.items()})
+        for key, (name, _) in present.items():
             group[name].attrs["error"] = constants[f"{key}_sigma"]
 
 

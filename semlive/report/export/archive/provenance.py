@@ -58,7 +58,7 @@ class ExportProvenance:
 
 
 def export_provenance(log: Path, deposit: Deposit, profile: ScanProfile) -> ExportProvenance:
-    """Collect the provenance of an export; the log is read once, and its files are read once more for their checksums.
+    """Collect the provenance of an export; the log is read twice, for its messages and for the checksums of its files.
 
     Args:
         log: one file, or a run folder.

@@ -176,16 +176,16 @@ def _sample(metadata: RunMetadata, deposit: Deposit) -> Entity:
 
 def _measured(metadata: RunMetadata) -> Iterable[Entity]:
     """Return the elastic constants with their standard uncertainties."""
-    known = constants(metadata)
+    present = constants(metadata)
     for key, name, unit in (("youngs_modulus_gpa", "Young's modulus", "GPa"), ("poissons_ratio", "Poisson's ratio", "1")):
-        if key in known:
+        if key in present:
             yield {
                 "@id": f"#{key}",
                 "@type": "PropertyValue",
                 "name": name,
-                "value": known[key],
+                "value": present[key],
                 "unitText": unit,
-                "description": f"standard uncertainty {known[key + '_sigma']:.3g}",
+                "description": f"standard uncertainty {present[key + '_sigma']:.3g}",
             }
 
 
