@@ -18,7 +18,7 @@ from collections import Counter
 from pathlib import Path
 
 NEEDLESS = re.compile(r"^(The unit .* has no documentation\.|DeprecationWarning.*|\s*)$")
-"""Lines of pynxtools about units of fields that the definition leaves open (NXdata, NXcollection), which are no finding."""
+"""Lines of pynxtools about units of fields that the definition does not fix (NXdata, NXcollection), which are no finding."""
 
 
 def exported(log: Path, out: Path, describe: Path | None) -> Path:

@@ -7,6 +7,7 @@ import json
 import queue
 import secrets
 import threading
+from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from types import TracebackType
@@ -42,18 +43,15 @@ class RegionServer:
     """
 
     def __init__(self, image: NDArray[np.uint8] | NDArray[np.uint16], size: FrameSize, region: Region) -> None:
-        self._answers: queue.Queue[Drawing | None] = queue.Queue()
-        self._token = secrets.token_urlsafe(24)
         described = {"width": size.width_px, "height": size.height_px, "subset": size.subset_px, "region": region}
         content = {"/frame.json": (json.dumps(described).encode(), "application/json"), "/frame.png": (shown_png(image), "image/png")}
-        self._server = ThreadingHTTPServer((_HOST, 0), _handler(self._token, content, size, self._answers))
-        self._server.daemon_threads = True
+        self._server = _PageServer(size, content)
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
 
     @property
     def address(self) -> str:
         """Address of the page, with the token."""
-        return f"http://{_HOST}:{self._server.server_address[1]}/#{self._token}"
+        return f"http://{_HOST}:{self._server.server_address[1]}/#{self._server.token}"
 
     def __enter__(self) -> RegionServer:
         self._thread.start()
@@ -71,74 +69,82 @@ class RegionServer:
             TimeoutError: there was no answer in this time.
         """
         try:
-            return self._answers.get(timeout=timeout_s)
+            return self._server.answers.get(timeout=timeout_s)
         except queue.Empty:
             raise TimeoutError("nothing was drawn") from None
 
 
-def _handler(
-    token: str, content: dict[str, tuple[bytes, str]], size: FrameSize, answers: queue.Queue[Drawing | None]
-) -> type[BaseHTTPRequestHandler]:
-    """Return the class that answers requests."""
+class _PageServer(ThreadingHTTPServer):
+    """Server with the token, the content and the answers of one page."""
 
-    class Handler(BaseHTTPRequestHandler):
-        timeout = _READ_TIMEOUT_S
+    daemon_threads = True
 
-        def do_GET(self) -> None:
-            if self.path in _STATIC:
-                if self._is_local():
-                    name, kind = _STATIC[self.path]
-                    self._send(200, files("semlive.cli.before_run.region").joinpath("static", name).read_bytes(), kind)
-            elif self._may():
-                data = content.get(self.path)
-                self._send(*((404, b"", "text/plain") if data is None else (200, *data)))
+    def __init__(self, size: FrameSize, content: Mapping[str, tuple[bytes, str]]) -> None:
+        super().__init__((_HOST, 0), _Handler)
+        self.size, self.content = size, content
+        self.token = secrets.token_urlsafe(24)
+        self.answers: queue.Queue[Drawing | None] = queue.Queue()
 
-        def do_POST(self) -> None:
-            if not self._may():
-                return
-            length = self.headers.get("content-length", "")
-            if not length.isdigit() or int(length) > _MAX_BODY_BYTES:
-                self._send(413, b"the drawing is too large", "text/plain")
-                return
-            body = self.rfile.read(int(length))
-            if self.path == "/keep":
-                answers.put(None)
-                self._send(200, b"", "text/plain")
-            elif self.path == "/drawing":
-                try:
-                    answers.put(parse_drawing(body, size))
-                    self._send(200, b"", "text/plain")
-                except BadInput as error:
-                    self._send(400, str(error).encode(), "text/plain")
-            else:
-                self._send(404, b"", "text/plain")
 
-        def _may(self) -> bool:
-            """Whether the request is from this computer's page, with its token; the others are refused."""
-            if not self._is_local():
-                return False
-            given = self.headers.get("authorization", "").removeprefix("Bearer ")
-            if not hmac.compare_digest(given.encode(), token.encode()):
-                self._send(403, b"the token is missing or wrong", "text/plain")
-                return False
-            return True
+class _Handler(BaseHTTPRequestHandler):
+    """Answers one request."""
 
-        def _is_local(self) -> bool:
-            """Whether the request names this server: a foreign name that leads here belongs to another page (DNS rebinding)."""
-            port = self.connection.getsockname()[1]
-            if self.headers.get("host", "") not in (f"{_HOST}:{port}", f"localhost:{port}"):
-                self._send(421, b"not the name of this server", "text/plain")
-                return False
-            return True
+    server: _PageServer  # pyright: ignore[reportIncompatibleVariableOverride]  (as the server makes it)
+    timeout = _READ_TIMEOUT_S
 
-        def _send(self, status: int, body: bytes, kind: str) -> None:
-            self.send_response(status)
-            for name, value in {**_HEADERS, "content-type": f"{kind}; charset=utf-8", "content-length": str(len(body))}.items():
-                self.send_header(name, value)
-            self.end_headers()
-            self.wfile.write(body)
+    def do_GET(self) -> None:
+        if self.path in _STATIC:
+            if self._is_local():
+                name, kind = _STATIC[self.path]
+                self._send(200, files("semlive.cli.before_run.region").joinpath("static", name).read_bytes(), kind)
+        elif self._may():
+            data = self.server.content.get(self.path)
+            self._send(*((404, b"", "text/plain") if data is None else (200, *data)))
 
-        def log_message(self, format: str, *args: object) -> None:
-            """Write nothing to the terminal."""
+    def do_POST(self) -> None:
+        if not self._may():
+            return
+        length = self.headers.get("content-length", "")
+        if not length.isdigit() or int(length) > _MAX_BODY_BYTES:
+            self._send(413, b"the drawing is too large", "text/plain")
+            return
+        body = self.rfile.read(int(length))
+        if self.path not in ("/keep", "/drawing"):
+            self._send(404, b"", "text/plain")
+            return
+        try:
+            drawing = None if self.path == "/keep" else parse_drawing(body, self.server.size)
+        except BadInput as error:
+            self._send(400, str(error).encode(), "text/plain")
+            return
+        # The page gets its answer first: the program may end as soon as it has the drawing.
+        self._send(200, b"", "text/plain")
+        self.server.answers.put(drawing)
 
-    return Handler
+    def _may(self) -> bool:
+        """Whether the request is from this computer's page, with its token; the others are refused."""
+        if not self._is_local():
+            return False
+        given = self.headers.get("authorization", "").removeprefix("Bearer ")
+        if not hmac.compare_digest(given.encode(), self.server.token.encode()):
+            self._send(403, b"the token is missing or wrong", "text/plain")
+            return False
+        return True
+
+    def _is_local(self) -> bool:
+        """Whether the request names this server: a foreign name that leads here belongs to another page (DNS rebinding)."""
+        port = self.server.server_address[1]
+        if self.headers.get("host", "") not in (f"{_HOST}:{port}", f"localhost:{port}"):
+            self._send(421, b"not the name of this server", "text/plain")
+            return False
+        return True
+
+    def _send(self, status: int, body: bytes, kind: str) -> None:
+        self.send_response(status)
+        for name, value in {**_HEADERS, "content-type": f"{kind}; charset=utf-8", "content-length": str(len(body))}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Write nothing to the terminal."""
