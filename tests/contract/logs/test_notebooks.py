@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import ast
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import pandas as pd
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from run_notebook import run_notebook
 
 NOTEBOOKS = sorted((Path(__file__).parents[3] / "docs" / "examples").glob("*.ipynb"))
 pytestmark = pytest.mark.checkout
@@ -35,20 +37,9 @@ def test_a_notebook_has_the_form_of_version_4_5_without_outputs(path: Path) -> N
 
 
 def test_the_code_runs_and_shows_tables_and_figures(imported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each cell is run as Jupyter runs it: statements, and the value of a last expression."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("SEMLIVE_LOG", str(imported))
-    mpl.use("Agg")
-    names: dict[str, Any] = {"__name__": "__main__"}
-    shown = []
-    for cell in cells(NOTEBOOKS[0]):
-        if cell["cell_type"] == "code":
-            parsed = ast.parse("".join(cell["source"]))
-            last = parsed.body.pop() if isinstance(parsed.body[-1], ast.Expr) else None
-            exec(compile(parsed, cell["id"], "exec"), names)
-            if isinstance(last, ast.Expr):
-                shown.append(eval(compile(ast.Expression(last.value), cell["id"], "eval"), names))
-    plt.close("all")
+    monkeypatch.setenv("SEMLIVE_LOG", "")  # restored after the test
+    names, shown = run_notebook(NOTEBOOKS[0], imported)
     assert "tension.mcap" in shown[0]._repr_html_()
     assert shown[1]["load_n"].iloc[-1] == pytest.approx(213.3)
     assert shown[3]["youngs_modulus_gpa"] == pytest.approx(71.1, abs=4 * shown[3]["youngs_modulus_gpa_sigma"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,7 +40,7 @@ def region_answer(
     region: str | None,
     draw: bool | None,
     ask: bool,
-    opened: Callable[[str], object] = webbrowser.open,
+    opened: Callable[[str], object] | None = None,
 ) -> RegionAnswer:
     """Return the region of interest for a test frame.
 
@@ -47,7 +49,7 @@ def region_answer(
         region: region as text from the command line; None if it was not given.
         draw: whether to draw in the browser; None: a question decides.
         ask: whether the command may ask questions.
-        opened: opens an address in a browser.
+        opened: opens an address in a browser; None: the browser of the desktop.
 
     Raises:
         BadInput: the frame cannot be read, is smaller than a subset, or `region` is not in it.
@@ -63,13 +65,19 @@ def region_answer(
         try:
             with RegionServer(image, size, start) as server:
                 echo(f"draw on the test frame: {server.address} (Ctrl+C: enter the region here)", err=True)
-                opened(server.address)
+                (opened or _open_in_browser)(server.address)
                 return _drawn(server.answer(), start, size)
         except KeyboardInterrupt:
             echo("nothing was drawn", err=True)
     if ask and region is None:
         start = _typed(start, size)
     return RegionAnswer(start)
+
+
+def _open_in_browser(address: str) -> None:
+    """Open an address in the browser of the desktop; without a desktop nothing, because a text browser would take the terminal."""
+    if sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(address)
 
 
 def _drawn(drawing: Drawing | None, start: Region, size: FrameSize) -> RegionAnswer:

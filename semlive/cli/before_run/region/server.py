@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import hmac
 import json
+import math
 import queue
 import secrets
 import threading
+import time
 from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
@@ -21,6 +24,7 @@ from semlive.errors import BadInput
 _HOST = "127.0.0.1"
 _MAX_BODY_BYTES = 2**20
 _READ_TIMEOUT_S = 10.0
+_WAIT_S = 0.5
 _STATIC = {"/": ("region.html", "text/html"), "/region.js": ("region.js", "text/javascript"), "/region.css": ("region.css", "text/css")}
 _HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
@@ -68,10 +72,12 @@ class RegionServer:
         Raises:
             TimeoutError: there was no answer in this time.
         """
-        try:
-            return self._server.answers.get(timeout=timeout_s)
-        except queue.Empty:
-            raise TimeoutError("nothing was drawn") from None
+        deadline = math.inf if timeout_s is None else time.monotonic() + timeout_s
+        # Short waits: on Windows, a wait without end cannot be interrupted by Ctrl+C.
+        while (remaining_s := deadline - time.monotonic()) > 0:
+            with contextlib.suppress(queue.Empty):
+                return self._server.answers.get(timeout=min(remaining_s, _WAIT_S))
+        raise TimeoutError("nothing was drawn")
 
 
 class _PageServer(ThreadingHTTPServer):
