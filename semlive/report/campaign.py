@@ -21,6 +21,7 @@ import numpy as np
 from semlive.errors import BadInput, SemliveError
 from semlive.report.export.export import export_log
 from semlive.report.export.fields import Format
+from semlive.report.export.hdf5_writer import add_stack
 from semlive.service.analysis.result_json import result_json
 from semlive.service.log.pairs import has_images
 from semlive.service.replay.parallel_correlation import PairMaps, correlate_pairs, pair_numbers, replay_from_maps
@@ -244,7 +245,9 @@ def _combine(done: Sequence[LogOutcome], out: Path) -> None:
                     for name, value in own.attrs.items():
                         group.attrs[name] = value
                     for name in own:
-                        own.copy(name, group)
+                        if name != "stack":
+                            own.copy(name, group)
+                    add_stack(group)
             part.unlink(missing_ok=True)
         for name in rows[0]:
             values = [row[name] for row in rows]

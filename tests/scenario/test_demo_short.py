@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "golden"))
 from json_keys import RECORDED, commands, printed
 from read_by_others import check_layout, check_messages, counts
+from run_notebook import run_notebook
 from shown import CASES, ON_A_LOG
 from sidebyside.facts import PAPER, QUICK_WINDOWS
 from sidebyside.measure import measure
@@ -36,6 +37,7 @@ SHORTER = {"replay": ["--from-disparity"], "simulate": ["--frames", "0"]}
 SLOW = re.compile(r"diagnose|experiment decide|replay.* --model|report|simulate.* --from|.* (?:my-|runs/|test\.tif)")
 """Run from top to bottom of the tutorial and of the first experiment, of short logs in test_cli_diagnose, or by test_pages."""
 PAGES = Path(__file__).parents[2] / "docs"
+NOTEBOOK = PAGES / "examples" / "analyse_a_log.ipynb"
 GOLDEN = Path(__file__).parents[1] / "golden" / "score_names.json"
 
 
@@ -79,6 +81,15 @@ def test_an_open_log_gives_the_exported_images(demo: Demo) -> None:
     assert log.pixel_size_um == pytest.approx(1.25, rel=0.01)
 
 
+@pytest.mark.checkout
+def test_the_notebook_lays_a_map_over_its_image(demo: Demo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SEMLIVE_LOG", "")  # restored after the test
+    names, _ = run_notebook(NOTEBOOK, demo.folder / "log" / "demo")
+    (image,) = names["figure"].axes[0].images
+    assert image.get_array().shape == names["log"].image(0).shape
+
+
 def test_others_read_its_log_and_every_panel_of_the_layout_shows_something(demo: Demo) -> None:
     path = demo.folder / "log" / "demo" / "demo.000.mcap"
     newest = check_messages(path)
@@ -109,7 +120,12 @@ def test_what_the_pages_show_can_be_done_with_its_log(demo: Demo, tmp_path: Path
     monkeypatch.chdir(tmp_path)
     log, (first, second, *_) = demo.folder / "log" / "demo", sorted((demo.folder / "instrument" / "export").glob("*.tif"))
     places = {"LOG": log, "FILE": first, "REF": first, "CUR": second, "SCENARIO": "short", "CONFIG": demo.folder / "run.yaml"}
-    places |= {"TRUTH": demo.folder / "instrument" / "truth.json", "WITHOUT": log, "WITH": log, "hdf5|csv|mat|vtk|png": "hdf5"}
+    places |= {
+        "TRUTH": demo.folder / "instrument" / "truth.json",
+        "WITHOUT": log,
+        "WITH": log,
+        "hdf5|csv|mat|vtk|vtu|png|nexus|ro-crate": "hdf5",
+    }
     told = [line for _, line in CASES if line.split()[0] in ON_A_LOG and re.search(r" (?:LOG|FILE|REF|CONFIG|SCENARIO)\b", line)]
     typed: dict[tuple[str, ...], str] = {}
     for line in (one for one in told if not SLOW.match(one)):

@@ -9,7 +9,8 @@ from typing import Annotated, get_args
 
 import typer
 
-from semlive.cli.shared.output_path import output_file, write_text
+from semlive.cli.before_run.region import region_answer
+from semlive.cli.shared.output_path import output_file, write_bytes, write_text
 from semlive.cli.shared.terminal import echo
 from semlive.errors import BadConfig
 from semlive.inputs.yaml_text import read_yaml
@@ -49,6 +50,13 @@ def init(
     loading_axis: Annotated[str | None, typer.Option(help="Image axis of the load: x or y.")] = None,
     max_load_n: Annotated[float | None, typer.Option(help="Largest load, N.")] = None,
     load_steps: Annotated[int | None, typer.Option(help="Number of loads.")] = None,
+    test_frame: Annotated[
+        Path | None, typer.Option("--test-frame", help="One frame of the specimen, on which region and masks are drawn.")
+    ] = None,
+    region: Annotated[
+        str | None, typer.Option(help="First and last subset centre x0,y0,x1,y1 in px; by default from the size of --test-frame.")
+    ] = None,
+    draw: Annotated[bool | None, typer.Option("--draw/--no-draw", help="Draw on --test-frame in the browser.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Write a commented configuration after a few questions."""
@@ -56,18 +64,29 @@ def init(
         raise BadConfig(f"--lab {lab}: no such kind of laboratory; give one of {', '.join(LAB_PRESETS)}")
     if out.exists() and not force:
         raise BadConfig(f"{out}: the file exists; give another name, or --force to overwrite it")
+    if test_frame is None and (region is not None or draw is not None):
+        raise BadConfig("--region and --draw need --test-frame, whose size limits the region")
     options = locals()
     output_file(out, "FILE")
     given = {key: options[key] for key in _QUESTIONS if options[key] is not None}
     answers = _changed(LAB_PRESETS[lab], given, str(out))
     if not yes:
         answers = _answered(answers, frozenset(given), str(out))
+    written = {"configuration": str(out)}
+    if test_frame is not None:
+        placed = region_answer(test_frame, region, draw, not yes)
+        answers = _changed(answers, {"region_px": placed.region_px}, str(out))
+        if placed.mask is not None:
+            mask = out.with_name(f"{out.stem}-mask.png")
+            write_bytes(mask, placed.mask)
+            written["mask"] = str(mask)
     write_text(out, configuration_text(answers))
-    typer.echo(
-        json.dumps({"configuration": str(out)})
-        if as_json
-        else f"wrote {out}; next: semlive doctor {out}, then semlive plan {out} --test-frame FILE"
-    )
+    if as_json:
+        typer.echo(json.dumps(written))
+        return
+    if "mask" in written:
+        typer.echo(f"wrote {written['mask']}; semlive dic --mask uses it, runs do not")
+    typer.echo(f"wrote {out}; next: semlive doctor {out}, then semlive plan {out} --test-frame {test_frame or 'FILE'}")
 
 
 def _answered(answers: LabSetup, given: frozenset[str], file: str) -> LabSetup:

@@ -65,12 +65,21 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         SemliveError: it cannot be written.
     """
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file; a regular file is replaced at once, so that no half-written file remains.
+
+    Raises:
+        SemliveError: it cannot be written.
+    """
     part = path.with_name(path.name + _PARTIAL_SUFFIX)
     try:
         if path.exists() and not path.is_file():
-            path.write_text(text, encoding="utf-8")
+            path.write_bytes(data)
             return
-        part.write_text(text, encoding="utf-8")
+        part.write_bytes(data)
         part.replace(path)
     except OSError as error:
         with contextlib.suppress(OSError):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from semlive.data.loading import LoadSeries
 from semlive.data.results import FrameResult, RunResult
+from semlive.report.export.archive.provenance import ExportProvenance
 
 Array = NDArray[Any]
 FORMAT_VERSION = 1
@@ -82,7 +83,10 @@ class Format(StrEnum):
     CSV = "csv"
     MAT = "mat"
     VTK = "vtk"
+    VTU = "vtu"
     PNG = "png"
+    NEXUS = "nexus"
+    RO_CRATE = "ro-crate"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,6 +100,7 @@ class RunMetadata:
         settings: every setting by its full name.
         configuration: configuration of the run from the log.
         load: load as sampled, None without a load frame.
+        provenance: files, versions and description, for formats that archive a run; None for the others.
     """
 
     name: str
@@ -104,6 +109,7 @@ class RunMetadata:
     settings: Mapping[str, Any]
     configuration: Mapping[str, Any]
     load: LoadSeries | None
+    provenance: ExportProvenance | None = None
 
 
 class Writer(Protocol):

@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import h5py
+import numpy as np
 
 from semlive.data.results import FrameResult
 from semlive.data.settings import MEASURES
@@ -19,7 +20,8 @@ class Hdf5Writer:
     """One file.
 
     ``/frames/<n>/{x, y, u, v, exx, eyy, exy, sigma_u, sigma_v, systematic_u, systematic_v, valid, strain_valid}``, ``/drift``,
-    ``/distortion``, ``/series``, ``/load``, ``/elastic``, and JSON texts ``/result``, ``/settings``, ``/configuration``.
+    ``/distortion``, ``/series``, ``/load``, ``/elastic``, JSON texts ``/result``, ``/settings``, ``/configuration``, and ``/stack``, which
+    presents the fields of all frames as arrays (frames, ny, nx).
     """
 
     def __init__(self, out: Path) -> None:
@@ -45,6 +47,7 @@ class Hdf5Writer:
             attrs["pair"], attrs["phase"] = entry["pair"], entry["phase"]
             if entry["load_n"] is not None:
                 attrs["load_n"] = entry["load_n"]
+        add_stack(self._file)
 
     def close(self, complete: bool) -> None:
         """Rename the complete file to its final name, or remove an incomplete one."""
@@ -59,6 +62,33 @@ def write_arrays(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
         data = group.create_dataset(name, data=values, compression="lzf" if values.size > 1 else None, shuffle=values.size > 1)
         if name in fields.UNITS:
             data.attrs["units"] = fields.UNITS[name]
+
+
+def add_stack(group: h5py.Group) -> None:
+    """Add ``stack``: the fields of all frames as arrays (frames, ny, nx), with the axes ``frame``, ``y`` and ``x``.
+
+    They are virtual data sets, which read the groups of the frames: no value is stored twice.
+
+    Args:
+        group: group of the export with its ``frames``, in an open file.
+    """
+    folder = group["frames"]
+    assert isinstance(folder, h5py.Group)  # as written above
+    frames = {int(name): frame for name, frame in folder.items()}
+    numbers = sorted(frames)
+    if not numbers:
+        return
+    stack = group.create_group("stack")
+    first = frames[numbers[0]]
+    for name in first:
+        shape, units = first[name].shape, first[name].attrs.get("units")
+        if name not in ("x", "y") and all(name in frames[number] for number in numbers):
+            layout = h5py.VirtualLayout((len(numbers), *shape), first[name].dtype)
+            for at, number in enumerate(numbers):
+                layout[at] = h5py.VirtualSource(".", frames[number][name].name, shape)
+            data = stack.create_virtual_dataset(name, layout)
+            data.attrs["units"] = units
+    write_arrays(stack, {"frame": np.array(numbers), "y": first["y"][:, 0], "x": first["x"][0, :]})
 
 
 def write_metadata(group: h5py.Group, metadata: RunMetadata) -> None:

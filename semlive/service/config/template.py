@@ -32,6 +32,7 @@ class LabSetup:
         loading_axis: image axis of the load.
         max_load_n: largest load of the plan, N.
         load_steps: number of loads.
+        region_px: first and last subset centre (x0, y0, x1, y1).
     """
 
     name: str = "first-run"
@@ -47,6 +48,7 @@ class LabSetup:
     loading_axis: Literal["x", "y"] = "y"
     max_load_n: float = 2000.0
     load_steps: int = 6
+    region_px: tuple[int, int, int, int] = (101, 101, 846, 696)
 
     @property
     def loads_n(self) -> tuple[float, ...]:
@@ -93,7 +95,7 @@ def configuration_text(lab: LabSetup) -> str:
     Args:
         lab: answers about the laboratory.
     """
-    sections = [_head(lab), _sem(lab), _load_frame(lab), _stage(lab), _specimen(lab), _protocol(lab), _limits(lab), _numerics()]
+    sections = [_head(lab), _sem(lab), _load_frame(lab), _stage(lab), _specimen(lab), _protocol(lab), _limits(lab), _numerics(lab)]
     return "\n\n".join(section for section in sections if section) + "\n"
 
 
@@ -263,12 +265,12 @@ def _limits(lab: LabSetup) -> str:
     )
 
 
-def _numerics() -> str:
+def _numerics(lab: LabSetup) -> str:
     return _lines(
         "dic:",
         ("  subset_px: 43", "px, edge of a subset, odd; three speckles across at least"),
         ("  step_px: 5", "px, distance of neighbouring points"),
-        ("  roi_px: [101, 101, 846, 696]", "px, first and last subset centre (x0, y0, x1, y1); null covers the frame"),
+        (f"  roi_px: [{', '.join(map(str, lab.region_px))}]", "px, first and last subset centre (x0, y0, x1, y1); null covers the frame"),
         "",
         "estimate:",
         ("  window_points: 9", "points, edge of the virtual strain gauge: (9 - 1) x 5 + 43 = 83 px"),

@@ -16,10 +16,12 @@ import pytest
 import scipy.io
 import xarray as xr
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkIOXML import vtkXMLImageDataReader
+from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLUnstructuredGridReader
 
+from semlive.data.grid import Grid
 from semlive.data.results import RunResult
 from semlive.estimate import correction_sigmas
+from semlive.report.export.vtk_arrays import write_mesh
 from semlive.service.analysis.result_json import result_json
 from semlive.service.replay.replay import ReplayRequest, replay
 
@@ -62,7 +64,7 @@ def fields(result: RunResult, number: int) -> dict[str, np.ndarray]:
 def test_hdf5_holds_fields_series_units_and_configuration(exported: Callable[[str], Path], known: Any) -> None:
     path = exported("hdf5")
     with h5py.File(path) as file:
-        assert set(file) == {"frames", "drift", "distortion", "series", "elastic", "configuration", "settings", "result"}
+        assert set(file) == {"frames", "stack", "drift", "distortion", "series", "elastic", "configuration", "settings", "result"}
         assert list(file["frames"]) == sorted(str(item) for item in range(12))
         group = file["frames/11"]
         assert set(group) >= {"x", "y", "u", "v", "exx", "eyy", "exy", "sigma_u", "sigma_v", "valid"}
@@ -89,6 +91,18 @@ def test_hdf5_holds_fields_series_units_and_configuration(exported: Callable[[st
         assert json.loads(file["result"].asstr()[()]) == result_json(known.result, known.settings)
         assert json.loads(file["configuration"].asstr()[()])["imported"]["engines"] == ["semlive"]
         assert json.loads(file["settings"].asstr()[()])["estimate.window_points"] == 9
+
+
+def test_hdf5_presents_all_frames_as_one_array_without_storing_them_twice(exported: Callable[[str], Path], known: Any) -> None:
+    with h5py.File(exported("hdf5")) as file:
+        stack = file["stack"]
+        assert stack["eyy"].is_virtual
+        assert stack["eyy"].shape == (12, *known.analysis.grid.shape)
+        assert stack["u"].attrs["units"] == "px"
+        assert stack["frame"][()].tolist() == list(range(12))
+        np.testing.assert_array_equal(stack["x"], known.analysis.grid.x_px)
+        for name, values in fields(known.result, 11).items():
+            np.testing.assert_array_equal(stack[name][11], values)
 
 
 def test_xarray_reads_the_hdf5(exported: Callable[[str], Path], known: Any) -> None:
@@ -140,6 +154,33 @@ def test_vtk_reads_the_image_data(exported: Callable[[str], Path], known: Any) -
         np.testing.assert_array_equal(vtk_to_numpy(held.GetArray(name)), expected[name].ravel())
     assert (out / "frames.pvd").read_text().count("<DataSet ") == 12
     assert (out / "distortion.vti").is_file()
+
+
+def test_vtk_reads_the_mesh_of_the_measured_points(exported: Callable[[str], Path], known: Any) -> None:
+    out = exported("vtu")
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(os.fspath(out / "frame_00011.vtu"))
+    reader.Update()
+    mesh, valid = reader.GetOutput(), known.result.frames[11].displacement.valid
+    assert mesh.GetNumberOfPoints() == valid.sum()
+    assert mesh.GetNumberOfCells() == (valid[:-1, :-1] & valid[:-1, 1:] & valid[1:, 1:] & valid[1:, :-1]).sum()
+    assert mesh.GetCell(0).GetBounds()[1] - mesh.GetCell(0).GetBounds()[0] == known.analysis.grid.step_px
+    held = mesh.GetPointData()
+    moved = vtk_to_numpy(held.GetArray("displacement"))
+    np.testing.assert_array_equal(moved[:, 1], known.result.frames[11].displacement.v_px[valid])
+    np.testing.assert_array_equal(vtk_to_numpy(held.GetArray("eyy")), known.result.frames[11].strain.eyy[valid])
+    assert (out / "frames.pvd").read_text().count("frame_00011.vtu") == 1
+
+
+def test_a_mesh_has_no_cell_at_a_gap(tmp_path: Path) -> None:
+    grid = Grid(0, 0, 10, 4, 3, 21)
+    valid = np.ones(grid.shape, dtype=bool)
+    valid[1, 1] = False
+    write_mesh(tmp_path / "gap.vtu", grid, valid, {"valid": valid})
+    reader = vtkXMLUnstructuredGridReader()
+    reader.SetFileName(os.fspath(tmp_path / "gap.vtu"))
+    reader.Update()
+    assert (reader.GetOutput().GetNumberOfPoints(), reader.GetOutput().GetNumberOfCells()) == (11, 2)
 
 
 def test_pictures(semlive: Semlive, short: Path, tmp_path: Path) -> None:

@@ -50,6 +50,7 @@ def checked(out: Path, own: ReplayResult) -> None:
         for group in file["logs"].values():
             assert json.loads(group["result"].asstr()[()]) == reported
             np.testing.assert_array_equal(group["frames/7/eyy"], own.result.frames[7].strain.eyy)
+            np.testing.assert_array_equal(group["stack/eyy"][7], own.result.frames[7].strain.eyy)
         assert list(file["summary/name"].asstr()) == ["short", "torn", "short_2"]
         assert file["summary/noise_floor_px"][0] == reported["noise_floor_px"]
         assert np.isnan(file["summary/noise_floor_px"][1])
