@@ -7,8 +7,24 @@ from dataclasses import asdict, is_dataclass
 
 from semlive.web.downsampled_series import DownsampledSeries, LoadRow
 from semlive.web.page_state import Drift, PageState, Schedule
+from semlive.web.run_progress import RunProgress
 
-PARTS = ("run", "schedule", "protocol", "reading", "drift", "quality", "strength", "alarms", "desk", "frames", "maps")
+PARTS = (
+    "run",
+    "schedule",
+    "protocol",
+    "reading",
+    "drift",
+    "quality",
+    "strength",
+    "alarms",
+    "desk",
+    "frames",
+    "maps",
+    "scan",
+    "progress",
+    "lines",
+)
 
 
 def full_state(view: PageState) -> dict[str, object]:
@@ -43,7 +59,7 @@ def _part(view: PageState, name: str) -> object:
         ahead = part.planned[len([step for step in done if not step.warm_up]) :]
         more = (asdict(ahead[0]) | {"warm_up": True, "load_n": None, "phase": "calibration"},) if measures and ahead else ()
         return {"done": len(done), "steps": [*map(asdict, done), *more, *map(asdict, ahead)]}
-    return _plain(part)
+    return part.shown() if isinstance(part, RunProgress) else _plain(part)
 
 
 def _plain(part: object) -> object:
