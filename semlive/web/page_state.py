@@ -337,7 +337,7 @@ class PageState:
     frames: Frames = Frames()
     maps: Maps = Maps()
     scan: ScanInfo = ScanInfo()
-    progress: RunProgress = RunProgress()
+    progress: RunProgress = field(default_factory=RunProgress)
     lines: tuple[LogRow, ...] = ()
     clock: Clock | None = None
     boot_id: str = ""

@@ -10,20 +10,8 @@ from semlive.web.page_state import Drift, PageState, Schedule
 from semlive.web.run_progress import RunProgress
 
 PARTS = (
-    "run",
-    "schedule",
-    "protocol",
-    "reading",
-    "drift",
-    "quality",
-    "strength",
-    "alarms",
-    "desk",
-    "frames",
-    "maps",
-    "scan",
-    "progress",
-    "lines",
+    *("run", "schedule", "protocol", "reading", "drift", "quality", "strength", "alarms", "desk", "frames", "maps"),
+    *("scan", "progress", "lines"),
 )
 
 

@@ -21,7 +21,7 @@ export const openAlarms = () => open;
 export const shownAlarm = () => open.findLast((one) => one.level === "error") ?? open.at(-1);
 
 export function alarms() {
-  panel(["alarms", "now"], draw);
+  panel(["alarms", "desk", "now"], draw);
   panel(["alarms"], list);
   panel(["desk"], question);
   byId("sound").addEventListener("click", toggleSound);
@@ -34,15 +34,16 @@ export function alarms() {
 const many = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
 
 /** Alarms stay visible until a person acknowledges them; a machine that does not obey its stop is shown above everything else. */
-function draw({ alarms: all, now }) {
+function draw({ alarms: all, desk, now }) {
   if (!all) return;
+  const questions = desk?.questions.length ?? 0;
   open = all.filter((one) => one.identity && one.acknowledged_s === null);
   const worst = open.findLast((one) => one.disobeyed), newest = shownAlarm();
   const dangers = open.filter((one) => one.level === "error").length, checks = open.length - dangers, warnings = all.filter((one) => !one.identity).length;
   const lamp = byId("lamp");
-  lamp.dataset.mood = dangers ? "bad" : checks ? "wait" : "good";
-  say(byId("lamp-sign"), dangers ? "▲" : checks ? "●" : "✓");
-  say(byId("lamp-text"), [dangers ? many(dangers, "ALARM") : null, checks ? `${checks} to check` : null, !open.length ? "no alarm" : null, warnings ? many(warnings, "warning") : null].filter(Boolean).join(" · "));
+  lamp.dataset.mood = dangers ? "bad" : checks || questions ? "wait" : "good";
+  say(byId("lamp-sign"), dangers ? "▲" : questions ? "?" : checks ? "●" : "✓");
+  say(byId("lamp-text"), [dangers ? many(dangers, "ALARM") : null, questions ? many(questions, "question") : null, checks ? `${checks} to check` : null, !open.length && !questions ? "no alarm" : null, warnings ? many(warnings, "warning") : null].filter(Boolean).join(" · "));
   byId("disobeyed").hidden = !worst;
   say(byId("disobeyed"), worst ? `THE MACHINE DOES NOT OBEY ITS STOP: press the machine's own emergency stop now. ${worst.text}` : "");
   byId("open-alarms").hidden = !newest;

@@ -12,11 +12,11 @@ function ticks(_, splits) {
   return splits.map((value) => (value === null ? "" : value.toFixed(places).replace("-", "−")));
 }
 
-/** A range with some room, never so narrow that noise or rounding fills it. */
-const atLeast = (span, room) => (_, low, high) => {
+/** A range with some room, never so narrow that noise or rounding fills it; `lift` moves the curves up or down by a part of the range, so that those of two axes do not hide each other. */
+const atLeast = (span, room, lift = 0) => (_, low, high) => {
   if (low === null || high === null || !Number.isFinite(low) || !Number.isFinite(high)) return [0, 1];
   const middle = (low + high) / 2, half = Math.max(room * (high - low), span ?? 0, high === low ? Math.max(0.1 * Math.abs(middle), 1e-3) : 1e-6 * Math.abs(middle)) / 2;
-  return [middle - half, middle + half];
+  return [middle - half * (1 + Math.max(0, lift)), middle + half * (1 - Math.min(0, lift))];
 };
 
 /**
@@ -58,12 +58,13 @@ export function chart(element, { series, axes, x = null, limits = () => [], erro
         points: { show: Boolean(one.points || one.dots), size: one.points ? 7 : 5, fill: colour(one.colour), stroke: colour(one.colour) }, ...(one.points ? { paths: () => null } : {}) });
       if (one.span) spans[scale] = one.span;
     });
-    const sides = axes.side && series.some((one, at) => one.side && there[at]) ? [axis(axes.side, { scale: "side", side: 1, size: 50, grid: { show: false } })] : [];
+    const two = Boolean(axes.side) && series.some((one, at) => one.side && there[at]), lift = two ? 0.35 : 0;
+    const sides = two ? [axis(axes.side, { scale: "side", side: 1, size: 50, grid: { show: false } })] : [];
     plot = new uPlot({
       width: host.clientWidth, height: host.clientHeight, series: lines, bands, padding: [6, sides.length ? 0 : 10, 0, 0],
       axes: [axis(axes.x, { size: 22, space: 50, labelSize: 15, ...(axes.whole ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000] } : {}) }), axis(axes.y), ...sides],
-      scales: { x: { time: false, range: atLeast(axes.span, 1) }, y: { range: atLeast(spans.y, 1.1) }, side: { range: atLeast(spans.side, 1.1) } }, legend: { show: false }, cursor: { drag: { x: true, y: false } },
-      hooks: { setSelect: [(u) => { zoomed = u.select.width > 0; }], draw: [(u) => drawLimits(u, limits()), (u) => drawErrors(u, errors())], setCursor: [(u) => readOut(u.cursor.idx, there)] },
+      scales: { x: { time: false, range: atLeast(axes.span, 1) }, y: { range: atLeast(spans.y, 1.1, -lift) }, side: { range: atLeast(spans.side, 1.1, lift) } }, legend: { show: false }, cursor: { drag: { x: true, y: false } },
+      hooks: { setSelect: [(u) => { zoomed = u.select.width > 0; }], draw: [(u) => drawLimits(u, limits()), (u) => drawErrors(u, errors()), (u) => drawSpreads(u, series.flatMap((one, at) => (one.dots && one.band && there[at] ? [[one, columnOf[at]]] : [])))], setCursor: [(u) => readOut(u.cursor.idx, there)] },
     }, data, host);
     readOut(null, there);
   }
@@ -132,6 +133,25 @@ function drawLimits(u, limits) {
     ctx.textAlign = scale === "y" ? "left" : "right";
     const x = scale === "y" ? bbox.left + 4 * devicePixelRatio : bbox.left + bbox.width - 4 * devicePixelRatio;
     ctx.fillText(text, x, y - 4 * devicePixelRatio);
+  }
+  ctx.restore();
+}
+
+/** Bars from the lower to the upper end of a band at each dot. */
+function drawSpreads(u, drawn) {
+  const { ctx, data } = u;
+  ctx.save();
+  for (const [one, column] of drawn) {
+    ctx.strokeStyle = colour(one.colour);
+    ctx.lineWidth = 1.2 * devicePixelRatio;
+    ctx.beginPath();
+    data[0].forEach((x, at) => {
+      if (data[column][at] === null) return;
+      const scale = one.side ? "side" : "y", left = u.valToPos(x, "x", true);
+      ctx.moveTo(left, u.valToPos(data[column - 2][at], scale, true));
+      ctx.lineTo(left, u.valToPos(data[column - 1][at], scale, true));
+    });
+    ctx.stroke();
   }
   ctx.restore();
 }

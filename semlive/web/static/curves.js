@@ -32,7 +32,6 @@ function load() {
     const extended = rows.some((row) => row[3] !== 0);
     const words = !reading || reading.force_n === null ? "no reading of the load frame yet" : [
       `${number(reading.force_n, 4)} N of ${number(reading.target_n, 4)} N, ${reading.motion}`, extended ? `extension ${number(reading.extension_mm, 4)} mm` : null,
-      told?.limits.force_max_n === undefined ? null : `limits ${number(told.limits.force_min_n)} to ${number(told.limits.force_max_n, 4)} N${extended ? `, ${number(told.limits.extension_min_mm)} to ${number(told.limits.extension_max_mm)} mm` : ""}`,
       reading.gage_strain === null ? null : `gage ${number(1e6 * reading.gage_strain)} 1e-6`,
     ].filter(Boolean).join("; ");
     say(byId("load-now"), words);

@@ -11,7 +11,7 @@ const NEAR_LIMIT = 0.9;
 let latest = null;
 
 export function head() {
-  panel(["run", "protocol", "schedule", "progress", "now"], state);
+  panel(["run", "protocol", "schedule", "progress", "desk", "now"], state);
   panel(["reading", "run"], load);
   panel(["strength"], modulus);
   setInterval(tick, 250);
@@ -45,7 +45,8 @@ function state(told) {
 }
 
 /** What happens after the present state. */
-function next({ run, protocol, schedule }) {
+function next({ run, protocol, schedule, desk }) {
+  if (desk?.questions.length) return "your answer to the question below";
   const at = protocol.step ?? 0, steps = schedule.steps, numbered = (i) => (steps[i] ? `step ${i + 1}: ${stepText(steps[i])}` : "");
   switch (protocol.state) {
     case "idle": case "connecting": case "ready": return numbered(0);
@@ -55,7 +56,7 @@ function next({ run, protocol, schedule }) {
     case "step_done": return numbered(Math.max(at, schedule.done)) || "the end of the run";
     case "judging": return "the first load, if the calibration is good enough";
     case "warming": return "the first load, when the drift is slow enough";
-    case "paused": case "fault": case "estopped": case "recover": return `your decision; Resume repeats ${numbered(at) || "the step"}`;
+    case "paused": case "fault": case "estopped": case "recover": return `your decision: Resume repeats ${numbered(at) || "the step"}`;
     case "stopping": return "the end, when nothing moves";
     case "complete": return "nothing: all steps are done";
     case "aborted": return "nothing: the run has ended";

@@ -260,5 +260,6 @@ def test_maps_are_what_was_correlated_and_points_that_do_not_count_are_no_number
     assert store.read(3, "../../passwords") is None
     view = with_maps(views()[-1], fields)
     assert view.maps.grid == (10, 20, 5, 4, 3, 21)
-    assert [(item.frame, item.fields) for item in view.maps.frames] == [(3, ("disparity_u", "disparity_v", "zncc"))]
+    names = ("disparity_u", "disparity_v", "disparity_sigma_u", "disparity_sigma_v", "zncc")
+    assert [(item.frame, item.fields) for item in view.maps.frames] == [(3, names)]
     assert (view.quality[-1].converged, view.quality[-1].zncc) == (11, pytest.approx(0.9))
