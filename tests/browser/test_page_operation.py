@@ -77,8 +77,8 @@ def test_readers_of_screens_are_told_of_a_map_on_its_way(run: Run, tab: Callable
     run.recorder.write(DIC_MAP, encode_map(DisparityMap(0, 1, Grid(10, 10, 5, 4, 3, 21), half, half, half, half, ones, ready)))
     run.recorder.flush()
     page, held = tab(), []
-    page.route("**/field/**", lambda route: held.append(route))
-    with page.expect_request("**/field/**"):
+    page.route("**/disparity_u*", lambda route: held.append(route))
+    with page.expect_request("**/disparity_u*"):
         page.goto(f"http://127.0.0.1:{run.port}/")
     expect(page.locator("#map")).to_be_visible()
     readable(page)
