@@ -278,6 +278,14 @@ class LogRow:
 
 
 @dataclass(frozen=True, slots=True)
+class LogRows:
+    """Newest lines of the log and transitions, oldest first, and their number since the start of the log."""
+
+    rows: tuple[LogRow, ...] = ()
+    count: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class FrameMaps:
     """Frame with maps; `version` increases with every new map of the frame."""
 
@@ -321,7 +329,6 @@ class PageState:
         clock: current linear relation of experiment time and monotonic clock.
         boot_id: identity of the boot of the computer to which the monotonic clock refers.
         alarms: alarms and warnings in the order shown, oldest first.
-        lines: newest lines of the log and transitions, oldest first.
     """
 
     run: Run | None = None
@@ -338,7 +345,7 @@ class PageState:
     maps: Maps = Maps()
     scan: ScanInfo = ScanInfo()
     progress: RunProgress = field(default_factory=RunProgress)
-    lines: tuple[LogRow, ...] = ()
+    lines: LogRows = LogRows()
     clock: Clock | None = None
     boot_id: str = ""
     earlier: EarlierMessages = field(default_factory=EarlierMessages)

@@ -33,7 +33,7 @@ from semlive.service.log.alarms import Alarm, AlarmLevel
 from semlive.web.advice_texts import QUESTION_STATES, advice, advice_for
 from semlive.web.downsampled_series import LoadRow, append
 from semlive.web.fields import Fields
-from semlive.web.page_state import FrameMaps, LogRow, Notice, PageState, Question, RejectedFileRow, Run, ScanInfo
+from semlive.web.page_state import FrameMaps, LogRow, LogRows, Notice, PageState, Question, RejectedFileRow, Run, ScanInfo
 from semlive.web.result_reducers import RESULT_REDUCERS as RESULTS
 from semlive.web.run_progress import with_pair, with_plan, with_state
 
@@ -180,7 +180,8 @@ def _stage(view: PageState, message: StageSampleMessage) -> PageState:
 
 
 def _with_line(view: PageState, time_s: float, level: str, text: str) -> PageState:
-    return replace(view, lines=(*view.lines, LogRow(time_s, level, text))[-_MAX_LINES:])
+    rows = (*view.lines.rows, LogRow(time_s, level, text))[-_MAX_LINES:]
+    return replace(view, lines=LogRows(rows, view.lines.count + 1))
 
 
 def _line(view: PageState, message: LogLineMessage) -> PageState:

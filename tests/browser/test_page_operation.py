@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
 from semlive.data.disparity import DisparityMap, PoiStatus
@@ -161,3 +162,48 @@ def test_a_page_sees_a_transition_at_once(run: Run, tab: Callable[..., Page]) ->
     for state, word in (("imaging", "imaging"), ("fault", "FAULT"), ("complete", "complete")):
         run.enter(state)
         expect(page.locator("#state-word")).to_have_text(word, timeout=5_000)
+
+
+def test_maps_and_measurements_are_computed_as_defined(run: Run, tab: Callable[..., Page]) -> None:
+    """Against eigenvalues and statistics of numpy, and an uncertainty from random draws."""
+    draw = np.random.default_rng(3)
+    parts, sigmas = draw.normal(0.0, 1e-3, 3), np.array([9e-5, 8e-5, 6e-5])
+    field = draw.normal(size=(5, 7))
+    field[1, 2] = np.nan
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    found = page.evaluate(
+        """async ([parts, sigmas, values]) => {
+            const {FIELDS, strainSigma} = await import("/static/fields.js");
+            const {profile, roundLength, statistics} = await import("/static/regions.js");
+            const single = parts.map((value) => new Float32Array([value]));
+            const named = ["e1", "e2", "shear", "mises"];
+            values = values.map((value) => value ?? NaN);
+            return {
+                values: named.map((name) => FIELDS[name].values(single)[0]), sigmas: named.map((name) => strainSigma(name, parts, sigmas)),
+                statistics: statistics(values), line: profile(values, 7, 5, [0, 4], [6, 4]).map(([, value]) => value),
+                lengths: [0.37, 1, 70].map(roundLength),
+            };
+        }""",
+        [parts.tolist(), sigmas.tolist(), [None if np.isnan(value) else value for value in field.ravel().tolist()]],
+    )
+
+    def invariants(e: NDArray[np.float64]) -> NDArray[np.float64]:
+        small, large = np.linalg.eigvalsh(np.moveaxis(np.array([[e[0], e[2]], [e[2], e[1]]]), -1, 0)).T
+        return np.array([large, small, large - small, np.sqrt(large**2 - large * small + small**2)])
+
+    assert found["values"] == pytest.approx(invariants(parts[:, None])[:, 0], rel=1e-5)
+    drawn = invariants(draw.normal(parts[:, None], 0.2 * sigmas[:, None], (3, 20_000)))
+    assert found["sigmas"] == pytest.approx(5.0 * drawn.std(axis=1), rel=0.05)
+    valid = field[np.isfinite(field)]
+    expected = {
+        "points": 34,
+        "mean": valid.mean(),
+        "sd": valid.std(ddof=1),
+        "median": np.median(valid),
+        "low": valid.min(),
+        "high": valid.max(),
+    }
+    assert found["statistics"] == pytest.approx(expected)
+    assert found["line"] == pytest.approx(field[4])
+    assert found["lengths"] == [0.2, 1, 50]
