@@ -153,11 +153,16 @@ class StagedRun:
         for member in (0, 1):
             self.file(2 * number + member, begin + 75.0 + SCAN_S * (member + 1))
             self.load(begin + 75.0 + SCAN_S * (member + 1), load_n - 0.4 * member, load_n)
+        self.enter("step_done", begin + 236.0, number, "pair_complete")
+        self.complete(number, begin + 236.0)
+
+    def complete(self, number: int, seconds: float) -> None:
+        """The pair of a step, and its results."""
+        load_n = STEPS[number].load_n or 0.0
         load = FrameLoad(load_n, load_n, load_n, 0.2)
         first, second = (info(2 * number + member) for member in (0, 1))
-        self.write(PairMessage(pair=number, step=step, first=first, second=second, loads=(load, load)), begin + 236.0)
-        self.enter("step_done", begin + 236.0, number, "pair_complete")
-        self.results(number, load_n)
+        self.write(PairMessage(pair=number, step=STEPS[number], first=first, second=second, loads=(load, load)), seconds)
+        self.results(number, load_n, seconds)
 
     def file(self, export: int, seconds: float) -> None:
         name = f"scan_{export:04d}.tif"
@@ -176,9 +181,9 @@ class StagedRun:
         )  # fmt: skip
         self.write(scan, seconds)
 
-    def results(self, number: int, load_n: float) -> None:
+    def results(self, number: int, load_n: float, end: float) -> None:
         """Maps, strain, drift and elastic constants after a pair."""
-        end, axial = STEP_S * (number + 1), load_n / AREA_MM2 / MODULUS_GPA * 1e-3
+        axial = load_n / AREA_MM2 / MODULUS_GPA * 1e-3
         draw = np.random.default_rng(number)
         for frame in (2 * number, 2 * number + 1):
             exx, eyy, exy = strains(axial, draw)
@@ -247,6 +252,8 @@ class StagedRun:
             args = {"alarm": self.alarm, "by": "terminal"}
             self.write(OperatorMessage(time_ns=self.at(now_s), what="acknowledge", args=args), now_s)
             self.load(now_s, 1099.7, 1100.0)
+            for number in (4, 5):
+                self.complete(number, now_s)
             self.say("all 6 steps are done; load and position are held", now_s)
             self.enter("complete", now_s, 5, "last_step")
         self.recorder.flush()

@@ -27,7 +27,7 @@ SHOWN = {
     "paused": ("paused", "", r"\d+ min", "70.4 ± 1.1 GPa", "no alarm"),
     "question": ("moving", "", r"\d+ min", "70.4 ± 1.1 GPa", "1 question"),
     "fault": ("FAULT", "", r"\d+ min", "70.4 ± 1.1 GPa", "1 ALARM"),
-    "finished": ("complete", "", "none", "70.4 ± 1.1 GPa", "no alarm"),
+    "finished": ("complete", "", "none", "70.40 ± 0.64 GPa", "no alarm"),
 }
 """What a person reads from the first view: state, countdown, time left, E with its uncertainty, and whether something is wrong."""
 LOADS = {"ramp": "618.0 N", "hold": "799.6 N", "fault": "1207 N", "finished": "1100 N"}
@@ -98,6 +98,10 @@ def looked_at(page: Page, run: StagedRun, readable: Callable[[Page], None], fold
     page.locator("#map").focus()
     page.keyboard.press("Shift+ArrowUp")
     expect(region).to_have_text(re.compile(r"^\(60, 240\) to \(580, 230\) px: 106 valid, mean [\d.]+, median [\d.]+, standard deviation"))
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Measure as CSV").click()
+    download.value.save_as(folder / "region")
+    assert "points,106\n" in (folder / "region").read_text(encoding="utf-8")
     page.get_by_label("Show").select_option("residual_v")
     expect(now).to_contain_text("residual v (difference within the pair), frame 7: mean")
     for kind, begins in (("CSV", b"x_px,y_px,residual_v_px,sigma\n60,60,,"), ("PNG", b"\x89PNG")):

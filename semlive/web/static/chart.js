@@ -23,9 +23,10 @@ const atLeast = (span, room, lift = 0) => (_, low, high) => {
  * A chart in an element.
  * `series`: {label, colour, side, dash, width, points, dots, gaps, span, band, format}; `span`: its axis shows at least that much; a band is two further columns, lower and upper, behind the line.
  * `axes`: {x, y, side?, span?} labels; `whole`: x counts. `limits` gives horizontal lines: {at, text, scale?}; `errors` gives bars along x: [y, low, high].
+ * `instead()` gives {csv, png} to save while the chart is hidden.
  * A series without any value is neither drawn nor in the key, nor has it an axis.
  */
-export function chart(element, { series, axes, x = null, limits = () => [], errors = () => [] }) {
+export function chart(element, { series, axes, x = null, limits = () => [], errors = () => [], instead = () => null }) {
   let plot = null, data = null, zoomed = false, built = "";
   const box = make("div", { class: "plotbox" }), host = make("div", { class: "plot" }), key = make("p", { class: "key" });
   const nothing = make("p", { class: "nothing" }, "nothing yet");
@@ -99,8 +100,8 @@ export function chart(element, { series, axes, x = null, limits = () => [], erro
   const panel = element.closest(".panel");
   const names = () => [axes.x, ...series.flatMap((one) => (one.band ? [`${one.label} lower`, `${one.label} upper`, one.label] : [one.label]))];
   saves(panel, element.id, {
-    csv: () => [names(), data && !element.hidden ? Array.from(data[0], (_, row) => data.map((column) => column[row])) : []],
-    png: () => plot && picture(plot.ctx.canvas, panel.querySelector("h2").textContent, [series.filter((_, at) => present()[at]).map((one) => one.label).join("   "), element.getAttribute("aria-label") ?? ""]),
+    csv: () => instead()?.csv() ?? [names(), data ? Array.from(data[0], (_, row) => data.map((column) => column[row])) : []],
+    png: () => instead()?.png() ?? (plot && picture(plot.ctx.canvas, panel.querySelector("h2").textContent, [series.filter((_, at) => present()[at]).map((one) => one.label).join("   "), element.getAttribute("aria-label") ?? ""])),
   });
   return {
     /** Columns: x, then for each series its band's lower and upper, if it has one, and itself. */

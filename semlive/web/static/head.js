@@ -37,6 +37,7 @@ function state(told) {
   say(byId("about"), run ? `semlive ${run.version} on ${run.host}` : "");
   const trouble = byId("trouble");
   trouble.hidden = !protocol.asks;
+  trouble.dataset.mood = mood;
   if (protocol.asks && trouble.dataset.shown !== protocol.message + protocol.advice) {
     trouble.dataset.shown = protocol.message + protocol.advice;
     trouble.replaceChildren(make("b", {}, `${word}: ${protocol.message}`), protocol.advice);
@@ -69,8 +70,9 @@ function tick() {
   if (!latest?.protocol) return connection("waiting for the log");
   const { protocol, now, run } = latest;
   const left = protocol.hold_end_s === null ? null : protocol.hold_end_s - timeNow();
-  const longer = run && run.max_hold_s > run.hold_s ? `extended, at most ${duration(run.max_hold_s)}` : "0 s";
-  say(byId("countdown"), left === null || !now.live ? "" : left > 0 ? `${countdown(left)} left` : longer);
+  const extended = run && run.max_hold_s > run.hold_s && left !== null && left <= 0 && now.live;
+  say(byId("countdown"), left === null || !now.live ? "" : left > 0 ? `${countdown(left)} left` : extended ? "extended" : "0 s");
+  say(byId("extended"), extended ? `until drift and load are stable, at most ${duration(run.max_hold_s)}` : "");
   remaining(latest);
   const over = FINAL.includes(protocol.state);
   if (silence() > 6) connection(`no connection for ${duration(silence())}; the page shows old values`);

@@ -7,14 +7,15 @@ import { inside, profile, statistics } from "./regions.js";
 import { measured, number, plain } from "./words.js";
 
 /**
- * Measure on a canvas. `context()` gives {values, sigma, name, entry, grid, pixelUm, view} or null; `changed()` draws again.
+ * Measure on a canvas. `context()` gives {values, sigma, name, entry, grid, pixelUm, view, picture} or null; `changed()` draws again.
  * Ends are points of the grid [column, row].
  */
 export function probe(canvas, { changed, context }) {
-  let tool = "point", dragging = false;
+  let tool = "point", dragging = false, saved = {};
   const ends = { point: [null, null], line: [null, null], region: [null, null] };
   const axes = { x: "distance px", y: "value", span: 1 };
-  const plot = chart(byId("profile"), { series: [{ label: "along the line ± 1σ", colour: "a", band: true, format: (value) => number(value, 4) }], axes });
+  const plot = chart(byId("profile"), { series: [{ label: "along the line ± 1σ", colour: "a", band: true, format: (value) => number(value, 4) }], axes,
+    instead: () => (tool === "line" ? null : { csv: () => [["quantity", "value"], Object.entries(saved)], png: () => context()?.picture() ?? null }) });
 
   const set = (from, to) => { ends[tool] = [from, to]; changed(); update(); };
 
@@ -88,11 +89,14 @@ export function probe(canvas, { changed, context }) {
     else region(now, tool === "region" ? from : null, to, all);
   }
 
+  /** Statistics of the region, or of all points. */
   function region(now, from, to, all) {
     const { values, sigma, name, grid } = now, { scale, unit } = FIELDS[name], suffix = unit ? ` ${unit}` : "";
     const indices = from && to ? inside(from, to, grid[3]) : null;
     const found = indices ? statistics(indices.map((i) => values[i])) : all;
     const one = sigma(indices ? indices[indices.length >> 1] : values.length >> 1);
+    const scaled = Object.entries(found ?? {}).map(([key, value]) => [key, key === "points" ? value : scale * value]);
+    saved = { map: name, frame: now.entry.frame, unit, ...(indices ? { x0_px: places(now, from)[0], y0_px: places(now, from)[1], x1_px: places(now, to)[0], y1_px: places(now, to)[1] } : {}), ...Object.fromEntries(scaled) };
     const where = indices ? `(${places(now, from).join(", ")}) to (${places(now, to).join(", ")}) px` : "all points";
     const hint = tool === "region" && !indices ? " Drag a rectangle on the image." : tool === "point" ? " Point at the image." : "";
     say(byId("region-now"), found ? `${where}: ${found.points} valid, mean ${number(scale * found.mean, 4)}, median ${number(scale * found.median, 4)}, standard deviation ${number(scale * found.sd)}, `

@@ -40,7 +40,7 @@ export function picture(canvas, title, lines, right = null) {
   if (right) pen.drawImage(right, 2 * pad + canvas.width, 2 * pad + text);
   pen.fillStyle = colour("soft");
   pen.font = `${0.9 * text}px system-ui, sans-serif`;
-  lines.forEach((line, at) => pen.fillText(line, pad, 2 * pad + text + canvas.height + (at + 1.2) * 1.35 * text));
+  lines.forEach((line, at) => pen.fillText(line, pad, 2 * pad + text + canvas.height + (at + 1.2) * 1.35 * text, out.width - 2 * pad));
   return out;
 }
 

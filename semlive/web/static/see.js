@@ -20,7 +20,7 @@ export function see() {
   let newest = true, wanted = "eyy", key = "";
   // Values, frame and field are set together when all have arrived, so that no map has the name of another.
   let shown = null, range = [0, 1];
-  const measure = probe(canvas, { changed: draw, context: () => shown && maps.grid && { ...shown, grid: maps.grid, pixelUm, view: viewNow() } });
+  const measure = probe(canvas, { changed: draw, context: () => shown && maps.grid && { ...shown, grid: maps.grid, pixelUm, view: viewNow(), picture: saved } });
 
   const size = () => image?.size ?? scanSize ?? (maps.grid ? [maps.grid[0] * 2 + maps.grid[2] * (maps.grid[3] - 1), maps.grid[1] * 2 + maps.grid[2] * (maps.grid[4] - 1)] : [4, 3]);
   const viewNow = () => fit(canvas, size());
@@ -135,9 +135,14 @@ export function see() {
 
   saves(byId("map-box").closest(".panel"), "map", {
     csv: () => [["x_px", "y_px", ...(shown ? [`${shown.name}_${FIELDS[shown.name].unit || "1"}`, "sigma"] : [])], shown ? rows() : []],
-    png: () => picture(canvas, shown ? `${FIELDS[shown.name].label}, frame ${shown.entry.frame}` : "newest image", [byId("map-now").textContent, byId("frame-now").textContent],
-      shown ? barPicture(style().map, [...byId("bar-labels").children].map((label) => label.textContent), canvas.height, fine()) : null),
+    png: saved,
   });
+
+  /** The image with the map, colour bar and texts. */
+  function saved() {
+    const title = shown ? `${FIELDS[shown.name].label}, frame ${shown.entry.frame}` : "newest image", labels = [...byId("bar-labels").children].map((label) => label.textContent);
+    return picture(canvas, title, [byId("map-now").textContent, byId("frame-now").textContent], shown ? barPicture(style().map, labels, canvas.height, fine()) : null);
+  }
 
   function rows() {
     const [x0, y0, spacing, nx] = maps.grid, { scale } = FIELDS[shown.name];
