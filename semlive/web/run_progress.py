@@ -56,15 +56,15 @@ class RunProgress:
         """Return the values that the page shows.
 
         Returns:
-            ``left_s``: remaining time at ``since_s``, None if unknown; ``floor_s``: remaining time at the end of the current step;
+            ``remaining_s``: remaining time at ``since_s``, None if unknown; ``floor_s``: remaining time at the end of the current step;
             ``working``: whether the remaining time decreases.
         """
         expected_s = self.expected_s()
         if not expected_s:
-            return {"left_s": None, "floor_s": None, "since_s": self.since_s, "working": self.working}
+            return {"remaining_s": None, "floor_s": None, "since_s": self.since_s, "working": self.working}
         floor_s = sum(expected_s[self.done + 1 :])
-        left_s = max(floor_s, sum(expected_s[self.done :]) - self.elapsed_s)
-        return {"left_s": round(left_s, 1), "floor_s": round(floor_s, 1), "since_s": self.since_s, "working": self.working}
+        remaining_s = max(floor_s, sum(expected_s[self.done :]) - self.elapsed_s)
+        return {"remaining_s": round(remaining_s, 1), "floor_s": round(floor_s, 1), "since_s": self.since_s, "working": self.working}
 
 
 def with_plan(progress: RunProgress, plan: Plan | None, last_s: float) -> RunProgress:

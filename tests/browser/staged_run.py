@@ -96,35 +96,31 @@ class StagedRun:
     alarm: str = ""
 
     @property
-    def address(self) -> str:
-        return f"http://127.0.0.1:{self.port}/"
-
-    @property
     def address_with_token(self) -> str:
-        return f"{self.address}#token={self.control.token}"
+        return f"http://127.0.0.1:{self.port}/#token={self.control.token}"
 
-    def at(self, seconds: float) -> int:
+    def _at(self, seconds: float) -> int:
         return self.start_ns + round(1e9 * seconds)
 
     def write(self, payload: Any, seconds: float) -> None:
-        self.recorder.write(topic_of(payload), payload, self.at(seconds))
+        self.recorder.write(topic_of(payload), payload, self._at(seconds))
 
-    def enter(self, state: str, seconds: float, step: int, cause: str = "next_step") -> None:
-        self.write(StateMessage(time_ns=self.at(seconds), before=self.state, after=state, cause=cause, step=step, guards={}), seconds)
+    def _enter(self, state: str, seconds: float, step: int, cause: str = "next_step") -> None:
+        self.write(StateMessage(time_ns=self._at(seconds), before=self.state, after=state, cause=cause, step=step, guards={}), seconds)
         self.state = state
         self.recorder.flush()
 
-    def say(self, text: str, seconds: float, level: str = "info") -> None:
-        self.write(LogLineMessage(time_ns=self.at(seconds), level=level, text=text), seconds)
+    def _say(self, text: str, seconds: float, level: str = "info") -> None:
+        self.write(LogLineMessage(time_ns=self._at(seconds), level=level, text=text), seconds)
 
-    def load(self, seconds: float, force_n: float, target_n: float, motion: MotionState = MotionState.STOPPED) -> None:
+    def _load(self, seconds: float, force_n: float, target_n: float, motion: MotionState = MotionState.STOPPED) -> None:
         reading = LoadSampleMessage(
-            sequence=0, time_ns=self.at(seconds), mono_ns=0, force_n=force_n, extension_mm=force_n / 4000.0, motion=motion,
+            sequence=0, time_ns=self._at(seconds), mono_ns=0, force_n=force_n, extension_mm=force_n / 4000.0, motion=motion,
             target_n=target_n, raw=(),
         )  # fmt: skip
         self.write(reading, seconds)
 
-    def begin(self) -> None:
+    def _begin(self) -> None:
         """The devices are being connected."""
         clock = ClockMessage(mono_ns=0, utc0_ns=time.time_ns(), mono0_ns=time.monotonic_ns(), rate=1.0, revision=0, reason="start")
         run = RunMessage(
@@ -137,51 +133,51 @@ class StagedRun:
         )
         self.write(run, 0.0)
         self.write(clock, 0.0)
-        self.enter("connecting", 0.0, 0, "opening")
-        self.say("connecting to load frame and stage", 0.0)
+        self._enter("connecting", 0.0, 0, "opening")
+        self._say("connecting to load frame and stage", 0.0)
 
-    def pair(self, number: int) -> None:
+    def _pair(self, number: int) -> None:
         """One complete step: motion, hold, two frames, results."""
         step, begin = STEPS[number], STEP_S * number
         before_n, load_n = STEPS[number - 1].load_n or 0.0 if number else 0.0, step.load_n or 0.0
-        self.enter("ramping", begin + 1.0, number)
-        self.say(f"step {number + 1} of {len(STEPS)}: {step.phase}, load {load_n:g} N", begin + 1.0)
+        self._enter("ramping", begin + 1.0, number)
+        self._say(f"step {number + 1} of {len(STEPS)}: {step.phase}, load {load_n:g} N", begin + 1.0)
         for part in np.linspace(0.0, 1.0, 8):
-            self.load(begin + 1.0 + 8.0 * part, before_n + part * (load_n - before_n), load_n, MotionState.MOVING)
-        self.enter("holding", begin + 15.0, number, "settled")
-        self.enter("imaging", begin + 15.0 + HOLD_S, number, "hold_over")
+            self._load(begin + 1.0 + 8.0 * part, before_n + part * (load_n - before_n), load_n, MotionState.MOVING)
+        self._enter("holding", begin + 15.0, number, "settled")
+        self._enter("imaging", begin + 15.0 + HOLD_S, number, "hold_over")
         for member in (0, 1):
-            self.file(2 * number + member, begin + 75.0 + SCAN_S * (member + 1))
-            self.load(begin + 75.0 + SCAN_S * (member + 1), load_n - 0.4 * member, load_n)
-        self.enter("step_done", begin + 236.0, number, "pair_complete")
-        self.complete(number, begin + 236.0)
+            self._file(2 * number + member, begin + 75.0 + SCAN_S * (member + 1))
+            self._load(begin + 75.0 + SCAN_S * (member + 1), load_n - 0.4 * member, load_n)
+        self._enter("step_done", begin + 236.0, number, "pair_complete")
+        self._complete(number, begin + 236.0)
 
-    def complete(self, number: int, seconds: float) -> None:
+    def _complete(self, number: int, seconds: float) -> None:
         """The pair of a step, and its results."""
         load_n = STEPS[number].load_n or 0.0
         load = FrameLoad(load_n, load_n, load_n, 0.2)
         first, second = (info(2 * number + member) for member in (0, 1))
         self.write(PairMessage(pair=number, step=STEPS[number], first=first, second=second, loads=(load, load)), seconds)
-        self.results(number, load_n, seconds)
+        self._results(number, load_n, seconds)
 
-    def file(self, export: int, seconds: float) -> None:
+    def _file(self, export: int, seconds: float) -> None:
         name = f"scan_{export:04d}.tif"
         arrived = FileMessage(
-            export=export, name=name, size=1, sha256="", mtime_ns=0, arrival_time_ns=self.at(seconds), decision="arrived", reason=""
+            export=export, name=name, size=1, sha256="", mtime_ns=0, arrival_time_ns=self._at(seconds), decision="arrived", reason=""
         )
-        self.recorder.write(SEM_ORIGINAL, cv2.imencode(".tif", speckle())[1].tobytes(), self.at(seconds), export)
+        self.recorder.write(SEM_ORIGINAL, cv2.imencode(".tif", speckle())[1].tobytes(), self._at(seconds), export)
         self.write(arrived, seconds)
         timing = info(export).timing
         scan = ScanMessage(
             frame=export, export=export, name=name, vendor="plain", width_px=WIDTH_PX, height_px=HEIGHT_PX, databar_rows=0,
             dwell_time_s=timing.dwell_time_s, row_time_s=timing.row_time_s, frame_time_s=timing.frame_time_s,
-            integrations=timing.integrations, start_time_ns=Sourced(self.at(seconds - SCAN_S), Provenance.CONFIG), start_sigma_s=0.0,
-            end_time_ns=self.at(seconds),
+            integrations=timing.integrations, start_time_ns=Sourced(self._at(seconds - SCAN_S), Provenance.CONFIG), start_sigma_s=0.0,
+            end_time_ns=self._at(seconds),
             pixel_size_m=Sourced(0.5e-6, Provenance.CONFIG),
         )  # fmt: skip
         self.write(scan, seconds)
 
-    def results(self, number: int, load_n: float, end: float) -> None:
+    def _results(self, number: int, load_n: float, end: float) -> None:
         """Maps, strain, drift and elastic constants after a pair."""
         axial = load_n / AREA_MM2 / MODULUS_GPA * 1e-3
         draw = np.random.default_rng(number)
@@ -194,11 +190,11 @@ class StagedRun:
             drifted = 0.05 * frame
             if frame:
                 maps = DisparityMap(0, frame, GRID, u + drifted, v - drifted, sigma, sigma, np.full_like(u, 0.983), status)
-                self.recorder.write(DIC_MAP, encode_map(maps), self.at(end), frame)
+                self.recorder.write(DIC_MAP, encode_map(maps), self._at(end), frame)
             noise = draw.normal(0.0, 0.012, u.shape)
             moved = Displacement(frame, GRID, u + noise, v - noise, sigma, sigma, valid)
-            self.recorder.write(DISPLACEMENT_FIELD, encode_displacement(moved), self.at(end), frame)
-            self.recorder.write(STRAIN_FIELD, encode_strain(StrainField(frame, GRID, 9, exx, eyy, exy, valid)), self.at(end), frame)
+            self.recorder.write(DISPLACEMENT_FIELD, encode_displacement(moved), self._at(end), frame)
+            self.recorder.write(STRAIN_FIELD, encode_strain(StrainField(frame, GRID, 9, exx, eyy, exy, valid)), self._at(end), frame)
             spread = Tensor2(9e-5, 9e-5, 6e-5)
             mean = Tensor2(-0.33 * axial, axial, 0.0)
             strain = StrainMessage(
@@ -214,51 +210,51 @@ class StagedRun:
         """Enter one of `STATES`; they follow each other in this order."""
         now = 4.0 * STEP_S
         if state == "starting":
-            self.begin()
+            self._begin()
         elif state == "ramp":
             for number in range(4):
-                self.pair(number)
-            self.enter("ramping", now + 3.0, 4)
-            self.say("step 5 of 6: tension, load 800 N", now + 3.0)
-            self.load(now + 12.0, 618.0, 800.0, MotionState.MOVING)
+                self._pair(number)
+            self._enter("ramping", now + 3.0, 4)
+            self._say("step 5 of 6: tension, load 800 N", now + 3.0)
+            self._load(now + 12.0, 618.0, 800.0, MotionState.MOVING)
         elif state == "hold":
-            self.load(now + 20.0, 799.6, 800.0)
+            self._load(now + 20.0, 799.6, 800.0)
             now_s = (time.time_ns() - self.start_ns) / 1e9
-            self.enter("holding", now_s - 13.0, 4, "settled")
+            self._enter("holding", now_s - 13.0, 4, "settled")
         elif state == "imaging":
-            self.enter("imaging", self.now_s(), 4, "hold_over")
+            self._enter("imaging", self._now_s(), 4, "hold_over")
         elif state == "paused":
-            self.say("paused by page at 127.0.0.1", self.now_s())
-            self.enter("paused", self.now_s(), 4, "pause")
+            self._say("paused by page at 127.0.0.1", self._now_s())
+            self._enter("paused", self._now_s(), 4, "pause")
         elif state == "question":
-            self.enter("ramping", self.now_s(), 4, "resume")
+            self._enter("ramping", self._now_s(), 4, "resume")
             requests = {"text": "in MICROTEST, bring the load to 800 N; type the load in N and press enter when it is there"}
             prompt = OperatorMessage(
-                time_ns=self.at(self.now_s()), what="asked", args={**requests, "question": "terminal.1", "wanted": "load_n"}
+                time_ns=self._at(self._now_s()), what="asked", args={**requests, "question": "terminal.1", "wanted": "load_n"}
             )
-            self.write(prompt, self.now_s())
+            self.write(prompt, self._now_s())
         elif state == "fault":
-            now_s = self.now_s()
+            now_s = self._now_s()
             args = {"text": "", "question": "terminal.1"}
-            self.write(OperatorMessage(time_ns=self.at(now_s), what="taken_back", args=args), now_s)
-            self.load(now_s, 1207.3, 800.0, MotionState.STOPPED)
-            text, action, time_ns = "the load 1207.3 N is beyond its limit of 1200 N", "motion was stopped and is held", self.at(now_s)
+            self.write(OperatorMessage(time_ns=self._at(now_s), what="taken_back", args=args), now_s)
+            self._load(now_s, 1207.3, 800.0, MotionState.STOPPED)
+            text, action, time_ns = "the load 1207.3 N is beyond its limit of 1200 N", "motion was stopped and is held", self._at(now_s)
             self.write(FaultMessage(time_ns=time_ns, what=text, where="load frame", action=action, code="limit"), now_s)
             self.alarm = str(time_ns)
-            self.say(text, now_s)
-            self.enter("fault", now_s, 4, "limit")
+            self._say(text, now_s)
+            self._enter("fault", now_s, 4, "limit")
         elif state == "finished":
-            now_s = self.now_s()
+            now_s = self._now_s()
             args = {"alarm": self.alarm, "by": "terminal"}
-            self.write(OperatorMessage(time_ns=self.at(now_s), what="acknowledge", args=args), now_s)
-            self.load(now_s, 1099.7, 1100.0)
+            self.write(OperatorMessage(time_ns=self._at(now_s), what="acknowledge", args=args), now_s)
+            self._load(now_s, 1099.7, 1100.0)
             for number in (4, 5):
-                self.complete(number, now_s)
-            self.say("all 6 steps are done; load and position are held", now_s)
-            self.enter("complete", now_s, 5, "last_step")
+                self._complete(number, now_s)
+            self._say("all 6 steps are done; load and position are held", now_s)
+            self._enter("complete", now_s, 5, "last_step")
         self.recorder.flush()
 
-    def now_s(self) -> float:
+    def _now_s(self) -> float:
         return (time.time_ns() - self.start_ns) / 1e9
 
 

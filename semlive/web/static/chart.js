@@ -148,7 +148,7 @@ function drawSpreads(u, drawn) {
     ctx.beginPath();
     data[0].forEach((x, at) => {
       if (data[column][at] === null) return;
-      const scale = one.side ? "side" : "y", left = u.valToPos(x, "x", true);
+      const scale = one.side ? "side" : "y", left = u.valToPos(x, "x", true) + (one.side ? 4 * devicePixelRatio : 0);
       ctx.moveTo(left, u.valToPos(data[column - 2][at], scale, true));
       ctx.lineTo(left, u.valToPos(data[column - 1][at], scale, true));
     });

@@ -85,9 +85,9 @@ function tick() {
 /** Remaining time of the run. It stops while the protocol does not work, and never falls below the time of the later steps. */
 function remaining({ protocol, progress, now }) {
   if (FINAL.includes(protocol.state)) return [say(byId("left"), protocol.state === "complete" ? "none" : "–"), say(byId("left-note"), "the run is over")];
-  if (!progress || progress.left_s === null) return [say(byId("left"), "–"), say(byId("left-note"), "known after the first frame")];
+  if (!progress || progress.remaining_s === null) return [say(byId("left"), "–"), say(byId("left-note"), "known after the first frame")];
   const moving = progress.working && now.live;
-  const left = Math.max(progress.floor_s, progress.left_s - (moving ? timeNow() - progress.since_s : 0));
+  const left = Math.max(progress.floor_s, progress.remaining_s - (moving ? timeNow() - progress.since_s : 0));
   say(byId("left"), duration(left));
   say(byId("left-note"), moving ? `ends about ${timeOfDay(now.start_ms, timeNow() + left, {})}` : now.live ? "stopped" : "when it continues");
 }

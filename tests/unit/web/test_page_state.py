@@ -295,4 +295,4 @@ def test_pixel_size_and_scan_time_are_those_of_the_newest_file() -> None:
     view = reduce(views()[-1], message(scan, START_NS))
     assert (view.scan.pixel_um, view.scan.scan_s, view.scan.size_px) == (pytest.approx(0.25), 9.0, (800, 600))
     assert view.progress.scan_s == 9.0
-    assert full_state(view)["progress"]["left_s"] > 0.0
+    assert full_state(view)["progress"]["remaining_s"] > 0.0
