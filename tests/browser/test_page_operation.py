@@ -77,14 +77,18 @@ def test_readers_of_screens_are_told_of_a_map_on_its_way(run: Run, tab: Callable
     ready = np.full((3, 4), PoiStatus.CONVERGED, dtype=np.uint8)
     run.recorder.write(DIC_MAP, encode_map(DisparityMap(0, 1, Grid(10, 10, 5, 4, 3, 21), half, half, half, half, ones, ready)))
     run.recorder.flush()
-    page, held = tab(), []
+    page, held, maps = tab(), [], []
+    page.on("request", lambda request: maps.append(request.url) if "/field/" in request.url else None)
     page.route("**/disparity_u*", lambda route: held.append(route))
     with page.expect_request("**/disparity_u*"):
         page.goto(f"http://127.0.0.1:{run.port}/")
     expect(page.locator("#map")).to_be_visible()
     readable(page)
+    # One map at a time, so that a connection is free for Stop.
+    assert len(maps) == 1
     held[0].continue_()
     expect(page.locator("#map-now")).to_contain_text("mean 0.500 px")
+    assert len(maps) == 2
     readable(page)
 
 

@@ -121,10 +121,16 @@ def looked_at(page: Page, run: StagedRun, readable: Callable[[Page], None], fold
     assert page.evaluate(LAYOUT, list(NEEDED)) == []
     readable(page)
     page.keyboard.press("d")
-    page.get_by_role("button", name="Token…").click()
-    expect(page.locator("#qr")).to_be_visible()
+    for opener in ("phone", "Keys"):
+        page.get_by_role("button", name=opener, exact=True).click()
+        # The stop button works while these dialogs are open.
+        assert page.evaluate(LAYOUT, list(NEEDED)) == []
+        page.get_by_role("button", name="Stop").click(trial=True)
+    expect(page.locator("#qr-note")).to_contain_text("anyone who photographs it can control the run")
     assert page.locator("#qr").evaluate("(canvas) => canvas.width") > 25
+    readable(page)
     page.keyboard.press("Escape")
+    expect(page.locator("#qr")).to_be_hidden()
     page.keyboard.press("1")
 
 

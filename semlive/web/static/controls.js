@@ -4,6 +4,7 @@ import { openAlarms, shownAlarm } from "./alarms.js";
 import { byId, make, say } from "./dom.js";
 import { drawQr } from "./qr.js";
 import { panel } from "./stream.js";
+import { toggleDialog } from "./views.js";
 import { FINAL } from "./words.js";
 
 const KEY = "semlive token";
@@ -52,7 +53,6 @@ function askToken() {
   settle(false);
   byId("token-text").value = token();
   byId("ask-token").showModal();
-  drawQr(token());
   return new Promise((resolve) => { settle = resolve; });
 }
 
@@ -135,6 +135,7 @@ export async function control() {
   // Its submit, not the dialog's close: that comes later, and after a quick "Continue" and "Abort…" it would answer the second question.
   byId("ask-abort").addEventListener("submit", ({ submitter }) => submitter?.value === "yes" && ask({ say: "abort" }));
   byId("token").addEventListener("click", askToken);
+  byId("phone").addEventListener("click", () => { toggleDialog("qr-box"); drawQr(token()); });
   takeAnswers();
   here = await fetch("about").then((reply) => reply.json()).then((told) => told.controls).catch(() => true);
   byId("controls").hidden = !here;

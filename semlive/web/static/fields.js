@@ -69,19 +69,21 @@ export const available = (name, entry, frames) => FIELDS[name].needs.every((need
 
 const fetched = new Map();
 const MAX_FETCHED = 24;
+let queue = Promise.resolve();
 
-/** Fetch a stored map, at most once per version. */
-async function stored(entry, name) {
+/** Fetch a stored map, at most once per version. One after the other: a browser has six connections to a server, and Stop must find a free one. */
+function stored(entry, name) {
   const key = `${entry.frame}/${name}?v=${entry.version}`;
-  const known = fetched.get(key);
-  if (known) return known;
-  const reply = await fetch(`field/${key}`).catch(() => null);
-  const bytes = reply?.ok ? await reply.arrayBuffer().catch(() => null) : null;
-  if (bytes === null) return null;
-  const values = new Float32Array(bytes);
-  fetched.set(key, values);
-  if (fetched.size > MAX_FETCHED) fetched.delete(fetched.keys().next().value);
-  return values;
+  queue = queue.then(async () => {
+    if (fetched.has(key)) return fetched.get(key);
+    const reply = await fetch(`field/${key}`).catch(() => null);
+    const bytes = reply?.ok ? await reply.arrayBuffer().catch(() => null) : null;
+    if (bytes === null) return null;
+    fetched.set(key, new Float32Array(bytes));
+    if (fetched.size > MAX_FETCHED) fetched.delete(fetched.keys().next().value);
+    return fetched.get(key);
+  });
+  return queue;
 }
 
 /** Values of a field of a frame and their uncertainties: {values, sigma(i)}; null if a map could not be fetched. `gauge` has the sigmas of exx, eyy, exy. */

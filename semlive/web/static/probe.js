@@ -41,7 +41,7 @@ export function probe(canvas, { changed, context }) {
     const at = under(event);
     if (at) set(tool === "point" ? at : ends[tool][0], tool === "point" ? null : at);
   });
-  canvas.addEventListener("pointerup", () => { dragging = false; });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { dragging = false; });
   canvas.addEventListener("pointerleave", () => { if (tool === "point" && !dragging) set(null, null); });
   canvas.addEventListener("keydown", (event) => {
     const move = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key], now = context();
@@ -58,6 +58,8 @@ export function probe(canvas, { changed, context }) {
   for (const button of document.querySelectorAll("[data-tool]")) {
     button.addEventListener("click", () => {
       tool = button.dataset.tool;
+      // A finger on the map scrolls the page, unless it draws a line or a region.
+      canvas.style.touchAction = tool === "point" ? "pan-y" : "none";
       for (const each of document.querySelectorAll("[data-tool]")) each.setAttribute("aria-pressed", String(each === button));
       changed();
       update();

@@ -19,6 +19,13 @@ const actions = new Map();
 /** Do something at a key, outside of text fields. */
 export const onKey = (key, act) => actions.set(key, act);
 
+/** Open or close a dialog that leaves the rest of the page usable. */
+export function toggleDialog(id) {
+  const dialog = byId(id);
+  if (dialog.open) dialog.close();
+  else dialog.show();
+}
+
 function pressed(event) {
   const typing = event.target.closest?.("input:not([type=range]):not([type=checkbox]), select, textarea, dialog");
   if (typing || event.ctrlKey || event.metaKey || event.altKey || !byId("keys-on").checked) return;
@@ -43,8 +50,9 @@ export function views() {
   onColours(name);
   name();
 
-  byId("help").addEventListener("click", () => byId("keys").showModal());
-  onKey("?", () => byId("keys").showModal());
+  byId("help").addEventListener("click", () => toggleDialog("keys"));
+  onKey("?", () => toggleDialog("keys"));
+  addEventListener("keydown", (event) => event.key === "Escape" && document.querySelectorAll("dialog.side[open]").forEach((dialog) => dialog.close()));
   byId("keys-on").checked = recall(KEYS, "on") === "on";
   byId("keys-on").addEventListener("change", () => remember(KEYS, byId("keys-on").checked ? "on" : "off"));
   addEventListener("keydown", pressed);
