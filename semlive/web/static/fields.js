@@ -10,7 +10,7 @@ function principal(exx, eyy, exy) {
   return [middle + radius, middle - radius];
 }
 
-// Of the plane strain tensor. Von Mises strain is sqrt(e1² − e1 e2 + e2²), as VIC-2D computes it; it is no equivalent plastic strain.
+// Of the plane strain tensor. Von Mises strain is sqrt(e1² − e1 e2 + e2²) of the plane tensor; it is no equivalent plastic strain.
 const OF_STRAIN = {
   exx: (exx) => exx, eyy: (_, eyy) => eyy, exy: (_, __, exy) => exy,
   e1: (...e) => principal(...e)[0],

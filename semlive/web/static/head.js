@@ -106,9 +106,9 @@ function load({ reading, run }) {
   byId("load-fact").hidden = !known;
   byId("gauges").hidden = !known || run?.limits.force_max_n === undefined;
   if (!known) return;
-  const limits = run?.limits ?? {}, limit = limits.force_max_n === undefined ? "" : `limit ${plain(limits.force_max_n)} N, `;
+  const limits = run?.limits ?? {}, limit = limits.force_max_n === undefined ? "" : `, limit ${plain(limits.force_max_n)} N`;
   say(byId("load-value"), `${number(reading.force_n, Math.abs(reading.force_n) < 100 ? 3 : 4)} N`);
-  say(byId("load-of"), `of ${plain(Number(reading.target_n.toPrecision(4)))} N, ${limit}${reading.motion}`);
+  say(byId("load-of"), `of ${plain(Number(reading.target_n.toPrecision(4)))} N${limit}${reading.motion === "stopped" ? "" : `, ${reading.motion}`}`);
   if (byId("gauges").hidden) return;
   gauge("load", "N", reading.force_n, reading.target_n, limits.force_min_n, limits.force_max_n);
   if (reading.extension_mm && limits.extension_max_mm !== undefined) gauge("ext.", "mm", reading.extension_mm, null, limits.extension_min_mm, limits.extension_max_mm);
