@@ -12,8 +12,9 @@ from playwright.sync_api import Page, expect
 
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
+from semlive.data.loading import MotionState
 from semlive.formats.log.maps import encode_map
-from semlive.formats.log.messages import DIC_MAP, FaultMessage, OperatorMessage
+from semlive.formats.log.messages import DIC_MAP, FaultMessage, LoadSampleMessage, OperatorMessage
 
 from .guarded_run import Run, guarded_run
 
@@ -166,6 +167,51 @@ def test_a_page_sees_a_transition_at_once(run: Run, tab: Callable[..., Page]) ->
     for state, word in (("imaging", "imaging"), ("fault", "FAULT"), ("complete", "complete")):
         run.enter(state)
         expect(page.locator("#state-word")).to_have_text(word, timeout=5_000)
+
+
+def test_no_axis_degenerates(run: Run, tab: Callable[..., Page]) -> None:
+    """Ranges of equal, rounded and missing values have a width, and neighbouring numbers of an axis differ."""
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    found = page.evaluate(
+        """async () => {
+            const {atLeast, ticks} = await import("/static/chart.js");
+            const infinite = [Infinity, -Infinity], missing = [null, null];
+            const values = [[0, 0], [5, 5], [1e-13, 3e-13], [70, 70 + 1e-12], [-3e6, -3e6], [1e-9, 1e-9], missing, infinite];
+            return values.map(([low, high]) => {
+                const [from, to] = atLeast(undefined, 1.1)(null, low, high);
+                return [to - from, ticks(null, [0, 1, 2, 3].map((at) => from + (at * (to - from)) / 3))];
+            });
+        }"""
+    )
+    for width, numbers in found:
+        assert width > 0.0
+        assert len(set(numbers)) == 4, numbers
+        assert max(map(len, numbers)) <= 12, numbers
+
+
+def test_an_extension_that_no_machine_measures_is_not_drawn(run: Run, tab: Callable[..., Page]) -> None:
+    page, now_ns = tab(), run.clock.now_ns()
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    for number, extension_mm in enumerate((0.0, 0.0, 0.2)):
+        sample = LoadSampleMessage(
+            sequence=number,
+            time_ns=now_ns,
+            mono_ns=0,
+            force_n=5.0,
+            extension_mm=extension_mm,
+            motion=MotionState.STOPPED,
+            target_n=5.0,
+            raw=(),
+        )
+        run.recorder.write("/load_frame/sample", sample, now_ns + 10**9 * number)
+        run.recorder.flush()
+        measured = extension_mm != 0.0
+        expect(page.locator("#h-load")).to_have_text("Load and extension" if measured else "Load")
+        expect(
+            page.get_by_role("img", name=re.compile("^Load and extension over" if measured else "^Load over time: 5.000 N"))
+        ).to_be_visible()
+        expect(page.locator("#load .key")).to_have_text(re.compile("^extension mm" if measured else "^target N"))
 
 
 def test_maps_and_measurements_are_computed_as_defined(run: Run, tab: Callable[..., Page]) -> None:

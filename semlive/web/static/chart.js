@@ -4,16 +4,19 @@ import { colour, make, onColours } from "./dom.js";
 import { picture, saves } from "./save.js";
 
 /** Numbers of an axis with as many places as tell neighbours apart; very small and large ones with a power of ten. */
-function ticks(_, splits) {
+export function ticks(_, splits) {
   const step = splits.length > 1 ? Math.abs(splits[1] - splits[0]) : 1;
   const largest = Math.max(...splits.map((value) => Math.abs(value ?? 0)));
-  if (step < 1e-4 || largest >= 1e6) return splits.map((value) => (value === null ? "" : value === 0 ? "0" : value.toExponential(1).replaceAll("-", "−")));
-  const places = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  if (largest >= 1e6 || largest < 1e-3) {
+    const digits = Math.min(8, Math.max(1, Math.ceil(Math.log10(largest / step))));
+    return splits.map((value) => (value === null ? "" : value === 0 ? "0" : value.toExponential(digits).replaceAll("-", "−")));
+  }
+  const places = Math.min(9, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
   return splits.map((value) => (value === null ? "" : value.toFixed(places).replace("-", "−")));
 }
 
 /** A range with some room, never so narrow that noise or rounding fills it; `lift` moves the curves up or down by a part of the range, so that those of two axes do not hide each other. */
-const atLeast = (span, room, lift = 0) => (_, low, high) => {
+export const atLeast = (span, room, lift = 0) => (_, low, high) => {
   if (low === null || high === null || !Number.isFinite(low) || !Number.isFinite(high)) return [0, 1];
   const middle = (low + high) / 2, half = Math.max(room * (high - low), span ?? 0, high === low ? Math.max(0.1 * Math.abs(middle), 1e-3) : 1e-6 * Math.abs(middle)) / 2;
   return [middle - half * (1 + Math.max(0, lift)), middle + half * (1 - Math.min(0, lift))];
