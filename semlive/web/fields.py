@@ -27,8 +27,8 @@ class Fields:
     Attributes:
         frame: number of the frame.
         grid: grid of the map points.
-        values: (ny, nx) float32 each, by name: disparity_u, disparity_v, zncc (of a disparity from frame 0), displacement_u,
-            displacement_v (px), exx, eyy, exy.
+        values: (ny, nx) float32 each, by name: disparity_u, disparity_v, disparity_sigma_u, disparity_sigma_v, zncc (of a disparity from
+            frame 0), displacement_u, displacement_v, displacement_sigma_u, displacement_sigma_v (px), exx, eyy, exy.
         quality: correlation quality, for a disparity map.
     """
 
@@ -47,11 +47,23 @@ def fields_of(message: LogMessage) -> Fields | None:
     if message.topic == DIC_MAP:
         disparity = decode_map(message.payload)
         valid = disparity.valid
-        shown = {"disparity_u": disparity.u_px, "disparity_v": disparity.v_px, "zncc": disparity.zncc} if disparity.reference == 0 else {}
-        return Fields(disparity.current, disparity.grid, _masked(shown, valid), _quality(disparity))
+        shown = {
+            "disparity_u": disparity.u_px,
+            "disparity_v": disparity.v_px,
+            "disparity_sigma_u": disparity.sigma_u_px,
+            "disparity_sigma_v": disparity.sigma_v_px,
+            "zncc": disparity.zncc,
+        }
+        return Fields(disparity.current, disparity.grid, _masked(shown if disparity.reference == 0 else {}, valid), _quality(disparity))
     if message.topic == DISPLACEMENT_FIELD:
         moved = decode_displacement(message.payload)
-        return Fields(moved.frame, moved.grid, _masked({"displacement_u": moved.u_px, "displacement_v": moved.v_px}, moved.valid))
+        shown = {
+            "displacement_u": moved.u_px,
+            "displacement_v": moved.v_px,
+            "displacement_sigma_u": moved.sigma_u_px,
+            "displacement_sigma_v": moved.sigma_v_px,
+        }
+        return Fields(moved.frame, moved.grid, _masked(shown, moved.valid))
     if message.topic == STRAIN_FIELD:
         strain = decode_strain(message.payload)
         return Fields(strain.frame, strain.grid, _masked({name: getattr(strain, name) for name in ("exx", "eyy", "exy")}, strain.valid))
@@ -70,7 +82,7 @@ def _masked(fields: Mapping[str, NDArray[np.float64]], valid: NDArray[np.bool_])
 
 
 class FieldStore:
-    """Maps in a temporary file that is removed with the process; its size is a tenth of that of the log."""
+    """Maps in a temporary file that is removed with the process; its size is about a sixth of that of the log."""
 
     def __init__(self) -> None:
         self._file: IO[bytes] = tempfile.TemporaryFile(prefix="semlive-page-")  # noqa: SIM115 - as long as the store

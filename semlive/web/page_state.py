@@ -12,6 +12,7 @@ from semlive.data.clock import Clock
 from semlive.data.experiment import Step
 from semlive.service.log.alarms import Alarms
 from semlive.web.downsampled_series import DownsampledSeries
+from semlive.web.run_progress import RunProgress
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,7 @@ class Run:
         warm_up_wait_s: maximum waiting time of the gate, s.
         area_mm2: cross-section of the specimen, None if unknown.
         loading_axis: image axis of the load, ``x`` or ``y``.
+        pixel_um: edge of a pixel on the specimen as configured, um; None if unknown.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Run:
     warm_up_wait_s: float | None
     area_mm2: float | None
     loading_axis: str
+    pixel_um: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +145,10 @@ class MapQuality:
 
 @dataclass(frozen=True, slots=True)
 class StrainPoint:
-    """Mean strain and load of one frame; stress is None without load or area."""
+    """Mean strain and load of one frame; stress is None without load or area.
+
+    `gauge_sigma` is the standard uncertainty of exx, eyy and exy of one strain gauge; None if unknown.
+    """
 
     frame: int
     phase: str
@@ -153,6 +159,7 @@ class StrainPoint:
     transverse: float
     transverse_sigma: float
     sd_axial: float
+    gauge_sigma: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,6 +260,32 @@ class Frames:
 
 
 @dataclass(frozen=True, slots=True)
+class ScanInfo:
+    """Metadata of the newest file: its pixel size (um; None if unknown), time of one scan (s) and size (width, height; px)."""
+
+    pixel_um: float | None = None
+    scan_s: float | None = None
+    size_px: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LogRow:
+    """Line of the log: ``level`` is that of the message, or ``state`` for a transition of the protocol."""
+
+    time_s: float
+    level: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class LogRows:
+    """Newest lines of the log and transitions, oldest first, and their number since the start of the log."""
+
+    rows: tuple[LogRow, ...] = ()
+    count: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class FrameMaps:
     """Frame with maps; `version` increases with every new map of the frame."""
 
@@ -310,6 +343,9 @@ class PageState:
     desk: OperatorPanel = OperatorPanel()
     frames: Frames = Frames()
     maps: Maps = Maps()
+    scan: ScanInfo = ScanInfo()
+    progress: RunProgress = field(default_factory=RunProgress)
+    lines: LogRows = LogRows()
     clock: Clock | None = None
     boot_id: str = ""
     earlier: EarlierMessages = field(default_factory=EarlierMessages)

@@ -19,6 +19,7 @@ from semlive.formats.log.messages import (
     OperatorMessage,
     PairMessage,
     RunMessage,
+    ScanMessage,
     StageSampleMessage,
     StateMessage,
     from_json,
@@ -32,12 +33,14 @@ from semlive.service.log.alarms import Alarm, AlarmLevel
 from semlive.web.advice_texts import QUESTION_STATES, advice, advice_for
 from semlive.web.downsampled_series import LoadRow, append
 from semlive.web.fields import Fields
-from semlive.web.page_state import FrameMaps, Notice, PageState, Question, RejectedFileRow, Run
+from semlive.web.page_state import FrameMaps, LogRow, LogRows, Notice, PageState, Question, RejectedFileRow, Run, ScanInfo
 from semlive.web.result_reducers import RESULT_REDUCERS as RESULTS
+from semlive.web.run_progress import with_pair, with_plan, with_state
 
 _MAX_WARNINGS = 100
 _MAX_ALARMS = 200
 _MAX_REJECTED = 100
+_MAX_LINES = 60
 _MAX_QUALITY_ROWS = 4000
 
 
@@ -90,7 +93,8 @@ def _run(view: PageState, message: RunMessage) -> PageState:
         plan = config.plan()
     except BadInput:
         # A log of another version, or an imported one, still has content to show.
-        return replace(view, run=_run_without_plan(message), boot_id=message.boot_id)
+        progress = with_plan(view.progress, None, seconds(view, view.earlier.last_ns))
+        return replace(view, run=_run_without_plan(message), boot_id=message.boot_id, progress=progress)
     gate, hold = plan.warm_up, plan.hold
     run = Run(
         name=message.run,
@@ -105,8 +109,10 @@ def _run(view: PageState, message: RunMessage) -> PageState:
         warm_up_wait_s=None if gate is None else gate.max_wait_s,
         area_mm2=config.specimen.area_mm2,
         loading_axis=config.specimen.loading_axis,
+        pixel_um=config.sem.pixel_size_um,
     )
-    return replace(view, run=run, boot_id=message.boot_id, schedule=replace(view.schedule, planned=plan.steps))
+    progress = with_plan(view.progress, plan, seconds(view, view.earlier.last_ns))
+    return replace(view, run=run, boot_id=message.boot_id, schedule=replace(view.schedule, planned=plan.steps), progress=progress)
 
 
 def _run_without_plan(message: RunMessage) -> Run:
@@ -135,7 +141,9 @@ def _state(view: PageState, message: StateMessage) -> PageState:
     )
     measures = (view.schedule.measures and message.cause != Cause.PAIR_COMPLETE) or message.cause == Cause.MEASURE_AGAIN
     schedule = view.schedule if measures == view.schedule.measures else replace(view.schedule, measures=measures)
-    view = replace(view, protocol=protocol, schedule=schedule, drift=_gate(view, message))
+    view = _with_line(view, since_s, "state", f"{message.before} → {message.after}" + (f" ({message.cause})" if message.cause else ""))
+    progress = with_state(view.progress, message.after, since_s)
+    view = replace(view, protocol=protocol, schedule=schedule, drift=_gate(view, message), progress=progress)
     return replace(view, desk=replace(view.desk, questions=())) if message.after in FINAL_STATES else view
 
 
@@ -171,7 +179,13 @@ def _stage(view: PageState, message: StageSampleMessage) -> PageState:
     return replace(view, reading=replace(view.reading, stage_um=(message.x_um, message.y_um)))
 
 
+def _with_line(view: PageState, time_s: float, level: str, text: str) -> PageState:
+    rows = (*view.lines.rows, LogRow(time_s, level, text))[-_MAX_LINES:]
+    return replace(view, lines=LogRows(rows, view.lines.count + 1))
+
+
 def _line(view: PageState, message: LogLineMessage) -> PageState:
+    view = _with_line(view, seconds(view, message.time_ns), message.level, printable(message.text.strip().rpartition("\n")[2]))
     if message.level == "info":
         return replace(view, protocol=replace(view.protocol, message=printable(message.text)))
     lines = message.text.strip().splitlines()
@@ -227,6 +241,15 @@ def _file(view: PageState, message: FileMessage) -> PageState:
     return replace(view, frames=replace(frames, refused=rejected, refused_count=frames.refused_count + 1))
 
 
+def _scan(view: PageState, message: ScanMessage) -> PageState:
+    """Take scan time and pixel size of the newest file; the configured pixel size is the fallback."""
+    pixel_um = 1e6 * message.pixel_size_m.value if message.pixel_size_m.value else None
+    scan_s = message.frame_time_s.value or None
+    scan = ScanInfo(pixel_um, scan_s, (message.width_px, message.height_px))
+    progress = view.progress if scan_s is None or view.progress.scan_s == scan_s else replace(view.progress, scan_s=scan_s)
+    return replace(view, scan=view.scan if scan == view.scan else scan, progress=progress)
+
+
 def _pair(view: PageState, message: PairMessage) -> PageState:
     done = (*view.schedule.done[: message.pair], message.step)
     frames = replace(view.frames, paired=2 * len(done))
@@ -234,7 +257,9 @@ def _pair(view: PageState, message: PairMessage) -> PageState:
     panel = replace(view.desk, told="") if view.desk.told else view.desk
     schedule = replace(view.schedule, done=done)
     earlier = replace(view.earlier, frame_loads={**view.earlier.frame_loads, **loads})
-    return replace(view, schedule=schedule, frames=frames, desk=panel, earlier=earlier)
+    planned = len([step for step in done if not step.warm_up])
+    progress = with_pair(view.progress, planned, seconds(view, view.earlier.last_ns))
+    return replace(view, schedule=schedule, frames=frames, desk=panel, earlier=earlier, progress=progress)
 
 
 def _operator(view: PageState, message: OperatorMessage) -> PageState:
@@ -261,6 +286,7 @@ _FOLLOWED: Mapping[str, Callable[[PageState, Any], PageState]] = {
     "/log": _line,
     "/fault": _only_alarms,
     "/sem/file": _file,
+    "/sem/scan": _scan,
     "/pair": _pair,
     "/operator": _operator,
     **RESULTS,

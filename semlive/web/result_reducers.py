@@ -77,6 +77,7 @@ def _strain(view: PageState, message: StrainMessage) -> PageState:
         getattr(message.mean, transverse),
         getattr(message.mean_sigma, transverse),
         getattr(message.sd, axial),
+        None if message.gauge_sigma is None else (message.gauge_sigma.exx, message.gauge_sigma.eyy, message.gauge_sigma.exy),
     )
     points = {earlier.frame: earlier for earlier in view.strength.points} | {message.frame: point}
     ordered = tuple(points[number] for number in sorted(points))[-_MAX_FRAMES:]

@@ -7,12 +7,14 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
+from semlive.data.loading import MotionState
 from semlive.formats.log.maps import encode_map
-from semlive.formats.log.messages import DIC_MAP, FaultMessage, OperatorMessage
+from semlive.formats.log.messages import DIC_MAP, FaultMessage, LoadSampleMessage, OperatorMessage
 
 from .guarded_run import Run, guarded_run
 
@@ -32,14 +34,15 @@ def test_a_map_on_its_way_lends_its_name_and_unit_to_no_other(run: Run, tab: Cal
     page.goto(f"http://127.0.0.1:{run.port}/")
     reported = page.locator("#map-now")
     expect(reported).to_contain_text("disparity u, as measured, frame 1: mean 0.500 px")
+    page.keyboard.press("2")
     page.route("**/zncc*", lambda route: held.append(route))
     with page.expect_request("**/zncc*"):
         page.get_by_label("Show").select_option("zncc")
     page.locator("#map").focus()
     page.keyboard.press("ArrowRight")
-    expect(reported).to_contain_text("0.5000 px; mean 0.500 px")
+    expect(reported).to_contain_text("0.50 ± 0.50 px; mean 0.500 px")
     held[0].continue_()
-    expect(reported).to_contain_text(": 1.000 ; mean 1.00")
+    expect(reported).to_contain_text(": 1.000; mean 1.00")
 
 
 def test_the_newest_frame_is_shown_though_it_came_while_another_was_fetched(run: Run, tab: Callable[..., Page]) -> None:
@@ -75,14 +78,18 @@ def test_readers_of_screens_are_told_of_a_map_on_its_way(run: Run, tab: Callable
     ready = np.full((3, 4), PoiStatus.CONVERGED, dtype=np.uint8)
     run.recorder.write(DIC_MAP, encode_map(DisparityMap(0, 1, Grid(10, 10, 5, 4, 3, 21), half, half, half, half, ones, ready)))
     run.recorder.flush()
-    page, held = tab(), []
-    page.route("**/field/**", lambda route: held.append(route))
-    with page.expect_request("**/field/**"):
+    page, held, maps = tab(), [], []
+    page.on("request", lambda request: maps.append(request.url) if "/field/" in request.url else None)
+    page.route("**/disparity_u*", lambda route: held.append(route))
+    with page.expect_request("**/disparity_u*"):
         page.goto(f"http://127.0.0.1:{run.port}/")
     expect(page.locator("#map")).to_be_visible()
     readable(page)
+    # One map at a time, so that a connection is free for Stop.
+    assert len(maps) == 1
     held[0].continue_()
     expect(page.locator("#map-now")).to_contain_text("mean 0.500 px")
+    assert len(maps) == 2
     readable(page)
 
 
@@ -160,3 +167,93 @@ def test_a_page_sees_a_transition_at_once(run: Run, tab: Callable[..., Page]) ->
     for state, word in (("imaging", "imaging"), ("fault", "FAULT"), ("complete", "complete")):
         run.enter(state)
         expect(page.locator("#state-word")).to_have_text(word, timeout=5_000)
+
+
+def test_no_axis_degenerates(run: Run, tab: Callable[..., Page]) -> None:
+    """Ranges of equal, rounded and missing values have a width, and neighbouring numbers of an axis differ."""
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    found = page.evaluate(
+        """async () => {
+            const {atLeast, ticks} = await import("/static/chart.js");
+            const infinite = [Infinity, -Infinity], missing = [null, null];
+            const values = [[0, 0], [5, 5], [1e-13, 3e-13], [70, 70 + 1e-12], [-3e6, -3e6], [1e-9, 1e-9], missing, infinite];
+            return values.map(([low, high]) => {
+                const [from, to] = atLeast(undefined, 1.1)(null, low, high);
+                return [to - from, ticks(null, [0, 1, 2, 3].map((at) => from + (at * (to - from)) / 3))];
+            });
+        }"""
+    )
+    for width, numbers in found:
+        assert width > 0.0
+        assert len(set(numbers)) == 4, numbers
+        assert max(map(len, numbers)) <= 12, numbers
+
+
+def test_an_extension_that_no_machine_measures_is_not_drawn(run: Run, tab: Callable[..., Page]) -> None:
+    page, now_ns = tab(), run.clock.now_ns()
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    for number, extension_mm in enumerate((0.0, 0.0, 0.2)):
+        sample = LoadSampleMessage(
+            sequence=number,
+            time_ns=now_ns,
+            mono_ns=0,
+            force_n=5.0,
+            extension_mm=extension_mm,
+            motion=MotionState.STOPPED,
+            target_n=5.0,
+            raw=(),
+        )
+        run.recorder.write("/load_frame/sample", sample, now_ns + 10**9 * number)
+        run.recorder.flush()
+        measured = extension_mm != 0.0
+        expect(page.locator("#h-load")).to_have_text("Load and extension" if measured else "Load")
+        expect(
+            page.get_by_role("img", name=re.compile("^Load and extension over" if measured else "^Load over time: 5.000 N"))
+        ).to_be_visible()
+        expect(page.locator("#load .key")).to_have_text(re.compile("^extension mm" if measured else "^target N"))
+
+
+def test_maps_and_measurements_are_computed_as_defined(run: Run, tab: Callable[..., Page]) -> None:
+    """Against eigenvalues and statistics of numpy, and an uncertainty from random draws."""
+    draw = np.random.default_rng(3)
+    parts, sigmas = draw.normal(0.0, 1e-3, 3), np.array([9e-5, 8e-5, 6e-5])
+    field = draw.normal(size=(5, 7))
+    field[1, 2] = np.nan
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    found = page.evaluate(
+        """async ([parts, sigmas, values]) => {
+            const {FIELDS, strainSigma} = await import("/static/fields.js");
+            const {profile, roundLength, statistics} = await import("/static/regions.js");
+            const single = parts.map((value) => new Float32Array([value]));
+            const named = ["e1", "e2", "shear", "mises"];
+            values = values.map((value) => value ?? NaN);
+            return {
+                values: named.map((name) => FIELDS[name].values(single)[0]), sigmas: named.map((name) => strainSigma(name, parts, sigmas)),
+                statistics: statistics(values), line: profile(values, 7, 5, [0, 4], [6, 4]).map(([, value]) => value),
+                lengths: [0.37, 1, 70].map(roundLength),
+            };
+        }""",
+        [parts.tolist(), sigmas.tolist(), [None if np.isnan(value) else value for value in field.ravel().tolist()]],
+    )
+
+    def invariants(e: NDArray[np.float64]) -> NDArray[np.float64]:
+        small, large = np.linalg.eigvalsh(np.moveaxis(np.array([[e[0], e[2]], [e[2], e[1]]]), -1, 0)).T
+        return np.array([large, small, large - small, np.sqrt(large**2 - large * small + small**2)])
+
+    assert found["values"] == pytest.approx(invariants(parts[:, None])[:, 0], rel=1e-5)
+    drawn = invariants(draw.normal(parts[:, None], 0.2 * sigmas[:, None], (3, 20_000)))
+    assert found["sigmas"] == pytest.approx(5.0 * drawn.std(axis=1), rel=0.05)
+    valid = field[np.isfinite(field)]
+    expected = {
+        "points": 34,
+        "mean": valid.mean(),
+        "sd": valid.std(ddof=1),
+        "median": np.median(valid),
+        "low": valid.min(),
+        "high": valid.max(),
+    }
+    assert found["statistics"] == pytest.approx(expected)
+    assert found["line"] == pytest.approx(field[4])
+    assert found["lengths"] == [0.2, 1, 50]

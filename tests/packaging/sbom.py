@@ -33,7 +33,7 @@ def bill() -> dict[str, Any]:
         "licenses": [{"expression": project["license"]}],
         "purl": f"pkg:pypi/semlive@{project['version']}",
     }
-    components = [vendored_uplot(), *(required(line) for line in project["dependencies"])]
+    components = [vendored_uplot(), vendored_lean_qr(), *(required(line) for line in project["dependencies"])]
     body = {
         "bomFormat": "CycloneDX",
         "specVersion": "1.6",
@@ -47,21 +47,29 @@ def bill() -> dict[str, Any]:
 
 def vendored_uplot() -> dict[str, Any]:
     """uPlot, whose files the wheel contains unchanged."""
-    script = (VENDORED / "uPlot.iife.min.js").read_bytes()
-    version = re.search(rb"uPlot \(v([\d.]+)\)", script)
+    version = re.search(rb"uPlot \(v([\d.]+)\)", (VENDORED / "uPlot.iife.min.js").read_bytes())
     assert version is not None
-    number = version[1].decode()
+    return vendored("uplot", version[1].decode(), "*.min.*")
+
+
+def vendored_lean_qr() -> dict[str, Any]:
+    """lean-qr, whose module the wheel contains unchanged; the module does not contain its version."""
+    return vendored("lean-qr", (VENDORED / "lean-qr.version.txt").read_text("utf-8").strip(), "lean-qr.mjs")
+
+
+def vendored(name: str, number: str, pattern: str) -> dict[str, Any]:
+    """A package of npm with the hashes of its files."""
     files = [
         {"type": "file", "name": path.name, "hashes": [{"alg": "SHA-256", "content": hashlib.sha256(path.read_bytes()).hexdigest()}]}
-        for path in sorted(VENDORED.glob("*.min.*"))
+        for path in sorted(VENDORED.glob(pattern))
     ]
     return {
         "type": "library",
-        "bom-ref": "uplot",
-        "name": "uplot",
+        "bom-ref": name,
+        "name": name,
         "version": number,
         "licenses": [{"license": {"id": "MIT"}}],
-        "purl": f"pkg:npm/uplot@{number}",
+        "purl": f"pkg:npm/{name}@{number}",
         "scope": "required",
         "components": files,
     }

@@ -1,16 +1,17 @@
 // Control of the run: the token, the buttons, and the answers to questions. The other modules only show.
 
+import { openAlarms, shownAlarm } from "./alarms.js";
 import { byId, make, say } from "./dom.js";
+import { drawQr } from "./qr.js";
 import { panel } from "./stream.js";
-import { timeOfDay } from "./words.js";
+import { toggleDialog } from "./views.js";
+import { FINAL } from "./words.js";
 
 const KEY = "semlive token";
 const CAN = {
   start: ["ready"], pause: ["ramping", "settling", "holding", "imaging", "judging", "warming"], resume: ["paused", "fault", "estopped", "recover"],
 };
-const OVER = ["complete", "aborted"];
 let here = true;
-let open = [];
 
 const token = () => sessionStorage.getItem(KEY) ?? "";
 
@@ -75,25 +76,14 @@ function drawButtons({ protocol }) {
   if (!protocol) return;
   for (const button of document.querySelectorAll("[data-say]")) {
     const verb = button.dataset.say;
-    button.disabled = verb in CAN ? !CAN[verb].includes(protocol.state) : OVER.includes(protocol.state);
+    button.disabled = verb in CAN ? !CAN[verb].includes(protocol.state) : FINAL.includes(protocol.state);
   }
   byId("start").hidden = protocol.state !== "ready";
 }
 
-/** Alarms stay visible until a person acknowledges them; a machine that does not obey its stop is shown above everything else. */
-function drawAlarms({ alarms, now }) {
-  if (!alarms) return;
-  open = alarms.filter((one) => one.identity && one.acknowledged_s === null);
-  const worst = open.findLast((one) => one.disobeyed), newest = open.findLast((one) => one.level === "error") ?? open.at(-1);
-  byId("disobeyed").hidden = !worst;
-  say(byId("disobeyed"), worst ? `THE MACHINE DOES NOT OBEY ITS STOP: press the machine's own emergency stop now. ${worst.text}` : "");
-  byId("open-alarms").hidden = !newest;
-  byId("open-alarms").classList.toggle("warn", newest?.level !== "error");
-  const word = newest?.level === "error" ? "Alarm" : "To be checked";
-  const many = open.length > 1 ? `${word}, one of ${open.length} not acknowledged: ` : `${word}: `;
-  say(byId("open-alarm"), newest ? `${many}${timeOfDay(now.start_ms, newest.time_s)} ${newest.text}` : "");
+function drawAcknowledge() {
   byId("acknowledge").hidden = !here;
-  byId("acknowledge-all").hidden = !here || open.length < 2;
+  byId("acknowledge-all").hidden = !here || openAlarms().length < 2;
 }
 
 /** Acknowledge alarms one by one; the first that is refused ends it. Alarms of the same instant are acknowledged together. */
@@ -136,17 +126,19 @@ export async function control() {
   addEventListener("hashchange", takeToken);
   panel(["protocol"], drawButtons);
   panel(["desk"], drawDesk);
-  panel(["alarms", "now"], drawAlarms);
-  byId("acknowledge").addEventListener("click", () => acknowledge(open.filter((one) => one.level === "error").slice(-1).concat(open.slice(-1)).slice(0, 1)));
-  byId("acknowledge-all").addEventListener("click", () => acknowledge(open));
+  panel(["alarms"], drawAcknowledge);
+  byId("acknowledge").addEventListener("click", () => acknowledge([shownAlarm()].filter(Boolean)));
+  byId("acknowledge-all").addEventListener("click", () => acknowledge(openAlarms()));
   for (const button of document.querySelectorAll("[data-say]")) {
     button.addEventListener("click", () => (button.dataset.say === "abort" ? byId("ask-abort").showModal() : ask({ say: button.dataset.say })));
   }
   // Its submit, not the dialog's close: that comes later, and after a quick "Continue" and "Abort…" it would answer the second question.
   byId("ask-abort").addEventListener("submit", ({ submitter }) => submitter?.value === "yes" && ask({ say: "abort" }));
   byId("token").addEventListener("click", askToken);
+  byId("phone").addEventListener("click", () => { toggleDialog("qr-box"); drawQr(token()); });
   takeAnswers();
   here = await fetch("about").then((reply) => reply.json()).then((told) => told.controls).catch(() => true);
-  byId("controls").hidden = byId("acknowledge").hidden = byId("acknowledge-all").hidden = !here;
+  byId("controls").hidden = !here;
+  drawAcknowledge();
   for (const one of byId("desk").querySelectorAll("input, button")) one.disabled = !here;
 }

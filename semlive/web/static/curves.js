@@ -19,31 +19,33 @@ export function curves() {
 function load() {
   let run = null;
   const plot = chart(byId("load"), {
-    series: [{ label: "extension mm", colour: "b", width: 4, side: true, span: 0.02, format: n(4) }, { label: "target N", colour: "soft", dash: [4, 4], format: n(4) },
+    series: [{ label: "extension mm", colour: "b", width: 3, side: true, span: 0.02, format: n(4) }, { label: "target N", colour: "c", dash: [4, 4], format: n(4) },
       { label: "load N", colour: "a", band: true, span: 30, format: n(4) }],
-    axes: { x: "min since start", y: "load N", side: "extension mm" },
+    axes: { x: "min since start", y: "load N", side: "extension mm", span: 0.2 },
     limits: () => (run?.limits.force_max_n === undefined ? [] : [
       { at: run.limits.force_max_n, text: "max. force" }, { at: run.limits.force_min_n, text: "min. force" },
       { at: run.limits.extension_max_mm, text: "max. extension", scale: "side" }, { at: run.limits.extension_min_mm, text: "min. extension", scale: "side" }]),
   });
   panel(["load", "reading", "run"], ({ load: { rows }, reading, run: told }) => {
     run = told;
-    const words = reading?.force_n === null || !reading ? "no reading of the load frame yet" : [
-      `${number(reading.force_n, 4)} N of ${number(reading.target_n, 4)} N, ${reading.motion}`, `extension ${number(reading.extension_mm, 4)} mm`,
-      told?.limits.force_max_n === undefined ? null : `limits ${number(told.limits.force_min_n)} to ${number(told.limits.force_max_n, 4)} N, ${number(told.limits.extension_min_mm)} to ${number(told.limits.extension_max_mm)} mm`,
+    // A load frame without an extensometer reports exactly zero, always: there is nothing to draw.
+    const extended = rows.some((row) => row[3] !== 0);
+    const words = !reading || reading.force_n === null ? "no reading of the load frame yet" : [
+      `${number(reading.force_n, 4)} N of ${number(reading.target_n, 4)} N, ${reading.motion}`, extended ? `extension ${number(reading.extension_mm, 4)} mm` : null,
       reading.gage_strain === null ? null : `gage ${number(1e6 * reading.gage_strain)} 1e-6`,
     ].filter(Boolean).join("; ");
     say(byId("load-now"), words);
-    plot.show([column(rows, (r) => r[0] / 60), column(rows, (r) => r[3]), column(rows, (r) => r[4]), column(rows, (r) => r[1]), column(rows, (r) => r[2]),
-      column(rows, (r) => (r[1] + r[2]) / 2)], `Load and extension over time: ${words}`);
+    say(byId("h-load"), extended ? "Load and extension" : "Load");
+    plot.show([column(rows, (r) => r[0] / 60), column(rows, (r) => (extended ? r[3] : null)), column(rows, (r) => r[4]), column(rows, (r) => r[1]), column(rows, (r) => r[2]),
+      column(rows, (r) => (r[1] + r[2]) / 2)], `Load${extended ? " and extension" : ""} over time: ${words}`);
   });
 }
 
 function drift() {
   const plot = chart(byId("drift"), {
-    series: [{ label: "x px", colour: "a", band: true, span: 0.2, format: n(4) }, { label: "y px", colour: "b", band: true, format: n(4) },
+    series: [{ label: "x px ± 1σ", colour: "a", band: true, span: 0.2, format: n(4) }, { label: "y px ± 1σ", colour: "b", band: true, format: n(4) },
       { label: "x forecast", colour: "a", dash: [5, 4], format: n(4) }, { label: "y forecast", colour: "b", dash: [5, 4], format: n(4) }],
-    axes: { x: "min since frame 0", y: "drift px" },
+    axes: { x: "min since frame 0", y: "drift px", span: 0.2 },
   });
   panel(["drift"], ({ drift: told }) => {
     const known = told.frames.flatMap((frame) => frame.rows);
@@ -64,8 +66,8 @@ function stress() {
   let bars = [];
   const plot = chart(byId("stress"), {
     errors: () => bars,
-    series: [{ label: "stress MPa", colour: "a", points: true, format: n(4) }, { label: "E × strain", colour: "b", band: true, gaps: true, format: n(4) }],
-    axes: { x: "axial strain 1e-6", y: "stress MPa" },
+    series: [{ label: "stress MPa, strain ± 1σ", colour: "a", points: true, span: 1, format: n(4) }, { label: "E × strain ± 2σ", colour: "b", band: true, gaps: true, format: n(4) }],
+    axes: { x: "axial strain 1e-6", y: "stress MPa", span: 20 },
   });
   panel(["strength"], ({ strength }) => {
     const points = strength.points.filter((one) => one.stress_mpa !== null).sort((a, b) => a.axial - b.axial);
@@ -88,8 +90,8 @@ function stress() {
 
 function converge() {
   const plot = chart(byId("converge"), {
-    series: [{ label: "E GPa", colour: "a", band: true, dots: true, gaps: true, format: n(4) }, { label: "ν", colour: "b", band: true, dots: true, side: true, gaps: true, format: n(3) }],
-    axes: { x: "pairs", y: "E GPa", side: "ν", whole: true }, x: (_, v) => (v === null ? "–" : String(v)),
+    series: [{ label: "E GPa ± 2σ", colour: "a", band: true, dots: true, gaps: true, span: 1, format: n(4) }, { label: "ν ± 2σ", colour: "b", band: true, dots: true, side: true, gaps: true, span: 0.02, format: n(3) }],
+    axes: { x: "pairs", y: "E GPa", side: "ν", whole: true, span: 2 }, x: (_, v) => (v === null ? "–" : String(v)),
   });
   panel(["strength"], ({ strength }) => {
     const known = strength.elastic.filter((one) => one.modulus_gpa !== null);
@@ -102,7 +104,7 @@ function converge() {
 function quality() {
   const plot = chart(byId("quality"), {
     series: [{ label: "noise of a point px", colour: "a", span: 0.004, points: true, format: n(3) }, { label: "ZNCC, median", colour: "b", side: true, span: 0.02, points: true, format: n(4) }],
-    axes: { x: "frame", y: "noise px", side: "ZNCC", whole: true }, x: (_, v) => (v === null ? "–" : String(v)),
+    axes: { x: "frame", y: "noise px", side: "ZNCC", whole: true, span: 2 }, x: (_, v) => (v === null ? "–" : String(v)),
   });
   panel(["quality"], ({ quality: all }) => {
     const maps = all.filter((one) => one.reference === 0);

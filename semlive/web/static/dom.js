@@ -12,7 +12,7 @@ export function make(tag, attributes = {}, ...children) {
   return element;
 }
 
-/** Set text only where it changed, so that screen readers say only news. */
+/** Set text only where it changed, so that screen readers report changes only. */
 export function say(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
@@ -20,5 +20,40 @@ export function say(element, text) {
 /** A custom property of the style sheet, as it is in light or dark now. */
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
-/** Call once when light becomes dark or back. */
-export const onColours = (call) => matchMedia("(prefers-color-scheme: dark)").addEventListener("change", call);
+const THEME = "semlive theme";
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const listeners = [];
+
+/** Call after each change between light and dark. */
+export const onColours = (call) => listeners.push(call);
+
+const coloursChanged = () => listeners.forEach((call) => call());
+dark.addEventListener("change", coloursChanged);
+
+/** Whether the page is dark now. */
+export const isDark = () => (document.documentElement.dataset.theme ?? (dark.matches ? "dark" : "light")) === "dark";
+
+/** Change between light and dark; the choice is stored in this browser. */
+export function toggleTheme() {
+  document.documentElement.dataset.theme = isDark() ? "light" : "dark";
+  remember(THEME, document.documentElement.dataset.theme);
+  coloursChanged();
+}
+
+/** Stored settings of this browser; a browser that stores nothing still shows everything. */
+export function recall(key, otherwise) {
+  try {
+    return localStorage.getItem(key) ?? otherwise;
+  } catch {
+    return otherwise;
+  }
+}
+
+export function remember(key, value) {
+  try {
+    localStorage.setItem(key, value);
+  } catch { /* private windows may refuse */ }
+}
+
+const stored = recall(THEME, "");
+if (stored) document.documentElement.dataset.theme = stored;

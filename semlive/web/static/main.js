@@ -1,13 +1,19 @@
-// The page: panels first, then the news.
+// The page: panels first, then the messages.
 
+import { alarms } from "./alarms.js";
 import { control } from "./controls.js";
 import { curves } from "./curves.js";
-import { broken, lists } from "./lists.js";
-import { pictures } from "./maps.js";
+import { broken, head } from "./head.js";
+import { lists } from "./lists.js";
+import { see } from "./see.js";
 import { listen } from "./stream.js";
+import { views } from "./views.js";
 
+views();
+head();
 lists();
 curves();
-pictures();
+see();
+alarms();
 control();
 listen(broken);

@@ -5,6 +5,8 @@ const panels = [];
 let nowAt = performance.now();
 let heardAt = performance.now();
 let pending = new Set();
+let lineCount = 0;
+const MAX_LINES = 60;
 
 /** Call `draw(state)` when one of these parts changed; many changes at once are one call. */
 export function panel(parts, draw) {
@@ -52,6 +54,10 @@ function take(told) {
     if (name === "load") {
       state.load.rows.length = Math.min(state.load.rows.length, value.from);
       for (const row of value.rows) state.load.rows.push(row);
+    } else if (name === "lines") {
+      // A new array, so that lists see the change; rows follow those that are known, or replace them.
+      state.lines = [...(value.from === lineCount ? state.lines ?? [] : []), ...value.rows].slice(-MAX_LINES);
+      lineCount = value.from + value.rows.length;
     } else state[name] = value;
     pending.add(name);
   }

@@ -13,6 +13,7 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.experiment import Phase, Step
 from semlive.data.grid import Grid
 from semlive.data.loading import MotionState
+from semlive.data.scan import Provenance, Sourced
 from semlive.data.strain import MeasuredValue, Tensor2
 from semlive.formats.log.maps import encode_map
 from semlive.formats.log.messages import (
@@ -27,6 +28,7 @@ from semlive.formats.log.messages import (
     OperatorMessage,
     Payload,
     RunMessage,
+    ScanMessage,
     StateMessage,
     StrainMessage,
     to_json,
@@ -126,16 +128,22 @@ def views() -> list[PageState]:
 def test_pieces_add_up_to_the_whole() -> None:
     shown: dict[str, Any] = json.loads(to_json_line(full_state(PageState())))
     rows: list[Any] = []
+    lines: list[Any] = []
     everything = views()
     for before, now in pairwise(everything):
         parts = json.loads(to_json_line(state_diff(before, now)))
         news = parts.pop("load", None)
         if news is not None:
             rows[news["from"] :] = news["rows"]
+        if more := parts.pop("lines", None):
+            assert more["from"] == len(lines)
+            lines += more["rows"]
         shown.update(parts)
         all_at_once = json.loads(to_json_line(full_state(now)))
+        assert all_at_once.pop("lines") == {"from": 0, "rows": lines}
         assert all_at_once.pop("load") == {"from": 0, "rows": rows}
         shown.pop("load", None)
+        shown.pop("lines", None)
         assert shown == all_at_once
 
 
@@ -260,5 +268,31 @@ def test_maps_are_what_was_correlated_and_points_that_do_not_count_are_no_number
     assert store.read(3, "../../passwords") is None
     view = with_maps(views()[-1], fields)
     assert view.maps.grid == (10, 20, 5, 4, 3, 21)
-    assert [(item.frame, item.fields) for item in view.maps.frames] == [(3, ("disparity_u", "disparity_v", "zncc"))]
+    names = ("disparity_u", "disparity_v", "disparity_sigma_u", "disparity_sigma_v", "zncc")
+    assert [(item.frame, item.fields) for item in view.maps.frames] == [(3, names)]
     assert (view.quality[-1].converged, view.quality[-1].zncc) == (11, pytest.approx(0.9))
+
+
+def test_the_log_s_newest_lines_are_shown_with_transitions_and_only_new_ones_are_sent() -> None:
+    view = views()[-1]
+    assert [(row.level, row.text) for row in view.lines.rows[:2]] == [
+        ("state", "idle → connecting (opening)"),
+        ("state", "settling → holding (settled)"),
+    ]
+    before = view
+    for number in range(200):
+        view = reduce(view, message(LogLineMessage(time_ns=at(20 + number), level="info", text=f"line {number}"), START_NS + number))
+    assert len(view.lines.rows) == 60
+    sent = state_diff(before, view)["lines"]
+    assert (sent["from"], len(sent["rows"]), sent["rows"][-1]["text"]) == (before.lines.count + 140, 60, "line 199")
+
+
+def test_pixel_size_and_scan_time_are_those_of_the_newest_file() -> None:
+    values = {"dwell_time_s": 1e-5, "row_time_s": 0.01, "frame_time_s": 9.0, "integrations": 1, "start_time_ns": 0, "pixel_size_m": 2.5e-7}
+    sourced: dict[str, Any] = {name: Sourced(value, Provenance.FILE) for name, value in values.items()}
+    size = {"frame": 0, "export": 0, "width_px": 800, "height_px": 600, "databar_rows": 20}
+    scan = ScanMessage(**size, **sourced, name="a.tif", vendor="plain", start_sigma_s=0.0, end_time_ns=0)
+    view = reduce(views()[-1], message(scan, START_NS))
+    assert (view.scan.pixel_um, view.scan.scan_s, view.scan.size_px) == (pytest.approx(0.25), 9.0, (800, 600))
+    assert view.progress.scan_s == 9.0
+    assert full_state(view)["progress"]["remaining_s"] > 0.0
