@@ -138,7 +138,8 @@ def comparison_section(comparison: Comparison) -> Section:
     maps, sizes = comparison.maps, comparison.sizes
     low, high = maps.interval
     caption = (
-        "The run was simulated twice, without and with the identified effects, by an implementation that shares no code with the diagnosis. "
+        "The run was simulated twice, without and with the identified effects, by an implementation that shares no code with "
+        "the diagnosis. "
         f"Root mean square of measured minus simulated maps, {comparison.frames} frames of {comparison.blocks} blocks: the effects close "
         f"{100 * maps.closure:.0f} % of the misfit, 95 % interval {100 * low:.0f} to {100 * high:.0f} %."
     )
@@ -187,8 +188,8 @@ def _with_figures(diagnosis: Diagnosis, pictures: DiagnosisFigureData, scale: Im
 def _on_strain(pictures: DiagnosisFigureData) -> Table:
     rows = []
     for bias in pictures.on_strain:
-        known = bias.modulus_change is not None and bias.poissons_ratio_change is not None
-        changes = (f"{100 * (bias.modulus_change or 0.0):+.3g} %", f"{bias.poissons_ratio_change or 0.0:+.2g}") if known else ("", "")
+        elastic = bias.modulus_change is not None and bias.poissons_ratio_change is not None
+        changes = (f"{100 * (bias.modulus_change or 0.0):+.3g} %", f"{bias.poissons_ratio_change or 0.0:+.2g}") if elastic else ("", "")
         rows.append((bias.name, *(f"{1e6 * value:+.3g}" for value in (bias.exx, bias.eyy, bias.exy)), *changes))
     caption = "Bias of the mean strain at the highest load by each effect, and change of the elastic constants by its correction."
     return _table(caption, ("effect", "exx, 10⁻⁶", "eyy, 10⁻⁶", "exy, 10⁻⁶", "Young's modulus", "Poisson's ratio"), rows, text=False)

@@ -68,8 +68,8 @@ def thinned(values: Field) -> NDArray[np.intp]:
     if values.size <= MAX_SAMPLES:
         return np.arange(values.size)
     blocks = np.array_split(np.arange(values.size), MAX_SAMPLES // 2)
-    kept = [block[at] for block in blocks for at in sorted({int(np.argmin(values[block])), int(np.argmax(values[block]))})]
-    return np.array(kept)
+    extremes = [block[at] for block in blocks for at in sorted({int(np.argmin(values[block])), int(np.argmax(values[block]))})]
+    return np.array(extremes)
 
 
 def drift_over_time(result: RunResult) -> Figure:

@@ -96,7 +96,7 @@ def background_of(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Background:
 
 
 def _averaged(image: NDArray[np.float32], longest_px: int) -> NDArray[np.float32]:
-    """Reduce an image by averaging whole blocks until its longest edge is at most `longest_px`."""
+    """Reduce an image by averaging square blocks until its longest edge is at most `longest_px`."""
     block = -(-max(image.shape) // longest_px)
     rows, columns = (size // block for size in image.shape)
     return image[: rows * block, : columns * block].reshape(rows, block, columns, block).mean(axis=(1, 3))

@@ -1,4 +1,4 @@
-"""Common style of all figures: width of a journal page, colours that colour-blind readers can tell apart, fonts that stay text."""
+"""Common style of all figures: width of a journal page, colours that colour-blind readers can distinguish, fonts that stay text."""
 
 from __future__ import annotations
 

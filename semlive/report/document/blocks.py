@@ -17,7 +17,7 @@ class Paragraph:
 
 @dataclass(frozen=True, slots=True)
 class Bullets:
-    """A list of sentences."""
+    """A bulleted list."""
 
     items: tuple[str, ...]
 
@@ -37,7 +37,7 @@ class Table:
         caption: title, one sentence.
         headings: title of each column.
         rows: text of the cells.
-        text: the cells are words and not numbers.
+        text: the cells are text and not numbers.
         folded: the page shows the caption only, until it is opened.
     """
 
@@ -63,12 +63,12 @@ class Listing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FigureBlock:
-    """A figure with a caption that stands alone.
+    """A figure with a caption that is complete without the text.
 
     Attributes:
         key: name of its files.
         title: what it shows, a phrase without a full stop; also its text for readers who cannot see it.
-        caption: how to read it, in full sentences.
+        caption: how to read it.
         figure: the figure.
     """
 

@@ -66,7 +66,7 @@ def pdf_bytes(document: Document, progress: Callable[[int, int], object] = lambd
 
 
 class _Writer:
-    """Writes text and tables from top to bottom, and leaves room for the figures."""
+    """Writes text and tables from top to bottom, with empty space for the figures."""
 
     def __init__(self, document: Document, progress: Callable[[int, int], object]) -> None:
         self._document, self._progress = document, progress

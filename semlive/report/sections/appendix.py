@@ -49,7 +49,7 @@ def fact_sections(facts: LogFacts) -> tuple[Section, ...]:
 
 
 def settings_text(settings: AnalysisSettings, grid: Grid) -> str:
-    """Subset, grid, virtual strain gauge and measure of strain in a sentence."""
+    """Subset, grid, virtual strain gauge and measure of strain."""
     gauge = settings.estimate.window_points
     subset = f"Subset {grid.subset_px} px, step" if grid.subset_px else "Maps of another engine, step"
     return (
@@ -67,7 +67,7 @@ def refused_blocks(facts: LogFacts) -> tuple[Block, ...]:
     rows = tuple(("" if file.export is None else str(file.export), file.name, file.reason) for file in facts.refused)
     return (
         Paragraph(f"{len(facts.refused)} of {facts.files} files were not used."),
-        Table("Reasons; # stands for a number.", ("reason", "files"), reasons, text=True),
+        Table("Reasons; # replaces a number.", ("reason", "files"), reasons, text=True),
         Table("Each file that was not used.", ("export", "file", "reason"), rows, text=True, folded=True),
     )
 

@@ -1,4 +1,4 @@
-"""Section on the calibration: quality of drift and distortion in figures, and what is left after the correction."""
+"""Section on the calibration: quality of drift and distortion in figures, and the residual after the correction."""
 
 from __future__ import annotations
 

@@ -168,8 +168,8 @@ def _image_block(data: RunData) -> FigureBlock | None:
     every = max(1, -(-max(grid.nx, grid.ny) // _MOST_POINTS))
     x, y = np.meshgrid(factor * grid.x_px[::every], factor * grid.y_px[::every])
     axes.plot(x.ravel(), y.ravel(), "o", color="#f0e442", markersize=1.8, markeredgecolor="black", markeredgewidth=0.3)
-    left, top = factor * grid.x_px[0], factor * grid.y_px[0]
-    axes.add_patch(_square(left, top, factor * (grid.x_px[-1] - grid.x_px[0]), factor * (grid.y_px[-1] - grid.y_px[0]), "#f0e442", "-"))
+    x0, y0 = factor * grid.x_px[0], factor * grid.y_px[0]
+    axes.add_patch(_square(x0, y0, factor * (grid.x_px[-1] - grid.x_px[0]), factor * (grid.y_px[-1] - grid.y_px[0]), "#f0e442", "-"))
     centre_x, centre_y = factor * float(np.mean(grid.x_px)), factor * float(np.mean(grid.y_px))
     for edge, colour in ((grid.subset_px, X_COLOUR), (gauge, Y_COLOUR)):
         if edge:
@@ -187,5 +187,5 @@ def _image_block(data: RunData) -> FigureBlock | None:
     return FigureBlock("sem-image", "Reference image with the measured points", caption, figure)
 
 
-def _square(left: float, top: float, width: float, height: float, colour: str, style: str) -> Rectangle:
-    return Rectangle((left, top), width, height, fill=False, edgecolor=colour, linewidth=1.2, linestyle=style)
+def _square(x: float, y: float, width: float, height: float, colour: str, style: str) -> Rectangle:
+    return Rectangle((x, y), width, height, fill=False, edgecolor=colour, linewidth=1.2, linestyle=style)

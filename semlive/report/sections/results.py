@@ -36,7 +36,7 @@ def results_section(data: RunData) -> Section:
 
 
 def elastic_text(result: RunResult, area_mm2: float | None) -> str:
-    """Elastic constants with their standard uncertainties in a sentence, or why there are none."""
+    """Elastic constants with their standard uncertainties, or why there are none."""
     if result.elastic is None:
         reason = (
             "the cross-section is not recorded" if area_mm2 is None else "the run has no two different loads with strain that follows them"

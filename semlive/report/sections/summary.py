@@ -35,7 +35,7 @@ def summary_section(data: RunData) -> Section:
 
 
 def quality_verdict(data: RunData) -> str:
-    """Whether the result can be used, with the reasons, in one or two sentences."""
+    """Whether the result can be used, with the reasons."""
     refused = pipeline.calibration_refusal(data.result, data.settings)
     if refused is not None:
         return f"not usable under load. The calibration is refused: {refused}."

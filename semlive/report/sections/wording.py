@@ -10,6 +10,7 @@ from semlive.data.scan import Provenance, Sourced
 from semlive.data.strain import MeasuredValue
 
 NOT_RECORDED = "not recorded"
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SOURCES = {
     Provenance.FILE: "image file",
     Provenance.DERIVED: "derived from the image file",
@@ -20,10 +21,14 @@ _SOURCES = {
 
 
 def with_sigma(value: float, sigma: float, unit: str = "") -> str:
-    """A value with its standard uncertainty of two significant digits: ``71.19 ± 0.26 GPa``."""
+    """A value with its standard uncertainty of two significant digits: ``71.19 ± 0.26 GPa`` or ``(1.20 ± 0.40) · 10⁻⁶ 1/s``."""
     space = f" {unit}" if unit else ""
     if not (sigma > 0 and math.isfinite(sigma)):
         return f"{value:.4g}{space} (uncertainty {NOT_RECORDED})"
+    exponent = math.floor(math.log10(max(abs(value), sigma)))
+    if not -4 < exponent < 6:
+        scale = 10.0**-exponent
+        return f"({with_sigma(scale * value, scale * sigma)}) · 10{str(exponent).translate(_SUPERSCRIPT)}{space}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))
     if round(sigma, digits) >= 10.0 ** (2 - digits):  # 0.0996 has two digits as 0.10
         digits -= 1

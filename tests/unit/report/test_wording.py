@@ -22,6 +22,12 @@ def test_an_uncertainty_has_two_digits_and_the_value_its_decimals(value: float, 
     assert with_sigma(value, sigma, "GPa") == text
 
 
+def test_small_and_large_values_have_a_power_of_ten() -> None:
+    assert with_sigma(1.2e-6, 4e-7, "1/s") == "(1.20 ± 0.40) · 10⁻⁶ 1/s"
+    assert with_sigma(1e-9, 4.06e-7) == "(0.0 ± 4.1) · 10⁻⁷"
+    assert with_sigma(2.345e8, 1.1e6) == "(2.345 ± 0.011) · 10⁸"
+
+
 @pytest.mark.parametrize("sigma", [0.0, float("inf"), float("nan")])
 def test_a_missing_uncertainty_is_named(sigma: float) -> None:
     assert with_sigma(71.2, sigma, "GPa") == f"71.2 GPa (uncertainty {NOT_RECORDED})"
