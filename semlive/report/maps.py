@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
@@ -20,7 +21,7 @@ MAX_IMAGE_PX = 1024
 """Longest edge of the image in a figure of its own; a larger one is reduced by averaging."""
 MAX_PANEL_PX = 400
 """Longest edge of a field in a panel of a sheet: 200 dpi if the panel is 50 mm wide."""
-MAX_UNDER_PX = 256
+MAX_UNDER_PX = 220
 """Longest edge of the image under a map; twenty of them are in a report, and noise is not compressed."""
 BAR_FRACTION = 0.22
 """Largest length of the scale bar as a fraction of the width of the image."""
@@ -28,6 +29,8 @@ ROUND_STEPS = [1, 2, 2.5, 5, 10]
 MARGIN_FRACTION = 0.1
 """Width of the image around a map, as a fraction of the width of the map."""
 _OUTERMOST_PERCENT = 1.0
+_GREYS = colormaps["gray"].resampled(48)
+"""As many grey levels as can be seen; fewer levels are smaller files."""
 _DIVERGING_SHARE = 0.2
 """A range is symmetric about zero if at least this share of it lies on either side."""
 _OPACITY = 0.85
@@ -186,7 +189,7 @@ def draw_image(axes: Axes, under: Background, scale: ImageScale) -> None:
     """Draw the SEM image with its grey levels stretched over all but the outermost percent."""
     low, high = np.percentile(under.grey, (_OUTERMOST_PERCENT, 100.0 - _OUTERMOST_PERCENT))
     extent = (0.0, scale.factor * under.width_px, scale.factor * under.height_px, 0.0)
-    axes.imshow(under.grey, extent=extent, cmap="gray", vmin=low, vmax=max(high, low + 1.0), interpolation="none")
+    axes.imshow(under.grey, extent=extent, cmap=_GREYS, vmin=low, vmax=max(high, low + 1.0), interpolation="none")
 
 
 def scale_bar(axes: Axes, scale: ImageScale) -> None:
@@ -194,14 +197,12 @@ def scale_bar(axes: Axes, scale: ImageScale) -> None:
     (first, last), (lower, upper) = axes.get_xlim(), axes.get_ylim()
     width, height = last - first, lower - upper
     length = round_length(BAR_FRACTION * width)
-    text = axes.annotate(
-        f"{length:g} {scale.unit}", (first + 0.04 * width + length / 2, lower - 0.07 * height), ha="center", fontsize=6.5, color="white"
-    )
-    text.set_bbox({"facecolor": "black", "alpha": 0.75, "linewidth": 0, "pad": 1.5})
-    bar = Rectangle(
-        (first + 0.04 * width, lower - 0.05 * height), length, 0.022 * height, facecolor="white", edgecolor="black", linewidth=0.8
-    )
-    axes.add_patch(bar).set_zorder(4)
+    start = first + 0.04 * width
+    bar = Rectangle((start, lower - 0.065 * height), length, 0.035 * height, facecolor="white", edgecolor="black", linewidth=0.3, zorder=4)
+    axes.add_patch(bar)
+    place = (start + length / 2, lower - 0.075 * height)
+    text = axes.annotate(f"{length:g} {scale.unit}", place, ha="center", va="bottom", fontsize=6.5, color="white")
+    text.set_bbox({"facecolor": "black", "alpha": 0.75, "linewidth": 0, "pad": 1.0})
 
 
 def round_length(most: float) -> float:

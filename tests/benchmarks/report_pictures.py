@@ -3,7 +3,7 @@
     semlive demo --short --out /tmp/demo
     python tests/benchmarks/report_pictures.py /tmp/demo/log/demo --out docs/report
 
-Writes ``summary.png``, ``protocol.png``, ``results.png`` and ``limits.png``, each with 64 colours.
+Writes ``summary.png``, ``protocol.png``, ``results.png`` and ``limits.png``, each with 256 colours.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 WIDTH_PX = 900
-COLOURS = 64
+COLOURS = 256
 PARTS = {
     "summary": ("#s1", "#s2 figure:last-of-type"),
     "protocol": ("#s3", "#protocol"),

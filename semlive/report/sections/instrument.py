@@ -166,20 +166,21 @@ def _image_block(data: RunData) -> FigureBlock | None:
     axes, factor = figure.subplots(), scale.factor
     draw_image(axes, under, scale)
     every = max(1, -(-max(grid.nx, grid.ny) // _MOST_POINTS))
-    x, y = np.meshgrid(factor * grid.x_px[::every], factor * grid.y_px[::every])
-    axes.plot(x.ravel(), y.ravel(), "o", color="#f0e442", markersize=1.8, markeredgecolor="black", markeredgewidth=0.3)
     x0, y0 = factor * grid.x_px[0], factor * grid.y_px[0]
-    axes.add_patch(_square(x0, y0, factor * (grid.x_px[-1] - grid.x_px[0]), factor * (grid.y_px[-1] - grid.y_px[0]), "#f0e442", "-"))
+    x1, y1 = factor * grid.x_px[-1], factor * grid.y_px[-1]
+    axes.vlines(factor * grid.x_px[::every], y0, y1, color="#f0e442", linewidth=0.5)
+    axes.hlines(factor * grid.y_px[::every], x0, x1, color="#f0e442", linewidth=0.5)
+    axes.add_patch(_square(x0, y0, x1 - x0, y1 - y0, "#f0e442"))
     centre_x, centre_y = factor * float(np.mean(grid.x_px)), factor * float(np.mean(grid.y_px))
     for edge, colour in ((grid.subset_px, X_COLOUR), (gauge, Y_COLOUR)):
         if edge:
-            axes.add_patch(_square(centre_x - factor * edge / 2, centre_y - factor * edge / 2, factor * edge, factor * edge, colour, "-"))
+            axes.add_patch(_square(centre_x - factor * edge / 2, centre_y - factor * edge / 2, factor * edge, factor * edge, colour))
     scale_bar(axes, scale)
     axes.set(xlabel=f"x ({scale.unit})", ylabel=f"y ({scale.unit})")
     subset = f"blue square: subset of {grid.subset_px} px; " if grid.subset_px else ""
     caption = (
         f"SEM image of frame 0, the reference of all displacements ({data.first.name}), without its databar. Yellow frame: the "
-        f"{grid.nx} x {grid.ny} measured points, {grid.step_px} px apart; one in {every} is marked in each direction. In the "
+        f"{grid.nx} x {grid.ny} measured points, {grid.step_px} px apart; a line is drawn through one in {every}. In the "
         f"middle, to scale, "
         f"{subset}vermilion square: virtual strain gauge of {gauge} px. Grey levels are stretched. The load acts along "
         f"{data.settings.specimen.loading_axis}."
@@ -187,5 +188,5 @@ def _image_block(data: RunData) -> FigureBlock | None:
     return FigureBlock("sem-image", "Reference image with the measured points", caption, figure)
 
 
-def _square(x: float, y: float, width: float, height: float, colour: str, style: str) -> Rectangle:
-    return Rectangle((x, y), width, height, fill=False, edgecolor=colour, linewidth=1.2, linestyle=style)
+def _square(x: float, y: float, width: float, height: float, colour: str) -> Rectangle:
+    return Rectangle((x, y), width, height, fill=False, edgecolor=colour, linewidth=1.4)

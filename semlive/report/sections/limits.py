@@ -26,7 +26,7 @@ def budget_section(data: RunData) -> Section:
     rows = tuple(uncertainty_budget(data.result, data.settings))
     return Section(
         "Uncertainty budget",
-        (Paragraph(text), Table("Uncertainty budget.", ("quantity", "standard uncertainty", "source"), rows, text=True)),
+        (Paragraph(text), Table("Components of the uncertainty.", ("quantity", "standard uncertainty", "source"), rows, text=True)),
     )
 
 

@@ -98,7 +98,7 @@ def _map_figures(data: RunData) -> Iterator[Block]:
         "not measured are blank. Axes: position in frame 0; y points down."
     )
     means = "; ".join(
-        f"frame {number}: {scale.factor * u:.4g} and {scale.factor * v:.4g} {scale.unit}"
+        f"frame {number}, {scale.factor * u:.4g} and {scale.factor * v:.4g} {scale.unit}"
         for number, (u, v) in zip(data.chosen, map(_mean_displacement, chosen), strict=True)
     )
     rows: list[tuple[str, MapOf]] = [
@@ -107,7 +107,7 @@ def _map_figures(data: RunData) -> Iterator[Block]:
     ]
     caption = (
         f"Displacement from frame 0, corrected for drift and distortion, {where}. The mean over the field is subtracted from each map; the "
-        f"means along x and y are, {means}. {common}"
+        f"means along x and y are: {means}. {common}"
     )
     yield FigureBlock("displacement-maps", "Displacement at chosen load steps", caption, _sheet(data, chosen, rows))
     gauge = chosen[-1].summary.gauge_sigma

@@ -54,6 +54,7 @@ def quality_verdict(data: RunData) -> str:
 def warning_lines(data: RunData) -> tuple[list[str], list[str]]:
     """Warnings, and remarks for information, of estimate and strain gage."""
     prefix = f"{NoteLevel.WARNING.value.upper()}: "
-    warnings = [message.removeprefix(prefix) for message in data.result.messages if message.startswith(prefix)]
-    remarks = [message for message in data.result.messages if not message.startswith(prefix)]
+    messages = [message.replace("+-", "±") for message in data.result.messages]
+    warnings = [message.removeprefix(prefix) for message in messages if message.startswith(prefix)]
+    remarks = [message for message in messages if not message.startswith(prefix)]
     return warnings, remarks
