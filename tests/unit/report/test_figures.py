@@ -46,5 +46,8 @@ def test_a_sheet_that_is_drawn_again_shows_the_new_frame() -> None:
     assert png(again) != before
     for old, new in zip(again.axes[:6], fresh.axes[:6], strict=True):
         shown, expected = old.images[0], new.images[0]
-        assert np.ma.allequal(shown.get_array(), expected.get_array())
+        values, others = shown.get_array(), expected.get_array()
+        assert values is not None
+        assert others is not None
+        assert np.ma.allequal(values, others)
         assert (shown.get_clim(), shown.get_cmap().name) == (expected.get_clim(), expected.get_cmap().name)

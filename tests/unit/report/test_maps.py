@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from semlive.data.grid import Grid
 from semlive.report.maps import (
@@ -30,7 +31,9 @@ def test_a_scale_bar_states_its_length_in_micrometres() -> None:
     axes.set(xlim=(0, 1280), ylim=(1105, 0))
     scale_bar(axes, ImageScale(1.25))
     assert [text.get_text() for text in axes.texts] == ["200 µm"]
-    assert axes.patches[0].get_width() == pytest.approx(200.0)
+    (bar,) = axes.patches
+    assert isinstance(bar, Rectangle)
+    assert bar.get_width() == pytest.approx(200.0)
 
 
 def test_a_range_on_both_sides_of_zero_is_symmetric_and_another_is_not() -> None:
