@@ -41,6 +41,7 @@ def residual_maps(pictures: DiagnosisFigureData, scale: ImageScale) -> Figure:
         axes.set_title(f"frame {pictures.frame[at]}")
     for axes in grid[-1]:
         axes.set_xlabel(f"x ({scale.unit})")
+        axes.locator_params(nbins=3)
     grid[0, 0].invert_yaxis()
     if drawn is not None:
         figure.colorbar(drawn, ax=grid, label="residual (standard deviations of the noise)", shrink=0.6, aspect=40, extend="both")
@@ -96,7 +97,7 @@ def effect_profile(profile: EffectProfile) -> Figure:
     )
     axes.plot(at, profile.model_px[order], "-", color=Y_COLOUR, linewidth=1.0, label="model")
     over = "start of the frame since frame 0 (min)" if profile.abscissa == "time" else "load (N)"
-    axes.set(xlabel=over, ylabel="amplitude (px at the peak of the shape)")
+    axes.set(xlabel=over, ylabel="amplitude (px)")
     axes.legend(frameon=False)
     return figure
 
