@@ -89,6 +89,12 @@ def diagnose(
         typer.echo(json.dumps({**diagnosis_json(diagnosis), **proof}))
         return
     console = Console()
+    _print_diagnosis(console, diagnosis)
+    if prove is not None:
+        _print_comparison(console, comparison, page)
+
+
+def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     console.print(f"{diagnosis.outcome.value}: {_OUTCOME_TEXTS[diagnosis.outcome]}")
     for effect in diagnosis.effects:
         console.print(_effect_table(effect))
@@ -111,8 +117,6 @@ def diagnose(
         console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
         if diagnosis.experiment.forecasts:
             console.print(forecast_table(diagnosis.experiment.forecasts))
-    if prove is not None:
-        _print_comparison(console, comparison, page)
 
 
 def _print_comparison(console: Console, comparison: Comparison | None, page: Path | None) -> None:
