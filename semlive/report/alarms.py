@@ -1,30 +1,28 @@
-"""The report's section on alarms."""
+"""Alarms of a run as blocks of a report."""
 
 from __future__ import annotations
 
-import html
 from datetime import UTC, datetime
 
+from semlive.report.document.blocks import Block, Paragraph, Table
 from semlive.service.log.alarms import Alarm, Alarms
 
 _HEADINGS = ("time (UTC)", "level", "code", "where", "what", "action", "acknowledged")
 
 
-def alarms_html(alarms: Alarms | None) -> str:
+def alarm_blocks(alarms: Alarms | None) -> tuple[Block, ...]:
     """Every alarm of a run, in order.
 
     Args:
         alarms: alarms of the log; None if the log was not read for alarms.
     """
     if alarms is None:
-        return "<p>Unknown: the log was not read for alarms.</p>"
+        return (Paragraph("Unknown: the log was not read for alarms."),)
     if not alarms.listed:
-        return "<p>None.</p>"
+        return (Paragraph("None."),)
     omitted = f" The {alarms.forgotten} oldest acknowledged or repeated ones are not listed." if alarms.forgotten else ""
-    summary = f"<p>{len(alarms.listed) + alarms.forgotten} alarms, {len(alarms.open)} of them not acknowledged.{omitted}</p>"
-    head = "".join(f"<th>{heading}</th>" for heading in _HEADINGS)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(alarm)) + "</tr>" for alarm in alarms.listed)
-    return f'{summary}<div class="scroll"><table class="text"><tr>{head}</tr>{body}</table></div>'
+    summary = f"{len(alarms.listed) + alarms.forgotten} alarms, {len(alarms.open)} of them not acknowledged.{omitted}"
+    return Paragraph(summary), Table("Alarms in the order of time.", _HEADINGS, tuple(_cells(alarm) for alarm in alarms.listed), text=True)
 
 
 def _cells(alarm: Alarm) -> tuple[str, ...]:

@@ -2,103 +2,133 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from semlive.data.experiment import Phase
-from semlive.data.results import RunResult
+from semlive.data.results import FrameResult, RunResult
 from semlive.data.strain import Displacement, StrainSummary
 from semlive.mechanics import false_strain
-from semlive.report.figures import GRID, INK, X_COLOUR, Y_COLOUR, draw_map, framed
+from semlive.report.figures import MICRO, colour_bar
+from semlive.report.maps import ImageScale, colour_range, draw_map, label_lengths, map_sheet
+from semlive.report.style import INK, PAGE_INCH, SHEAR_COLOUR, SOFT, X_COLOUR, Y_COLOUR, framed, plain_axes
 
-_SHEAR_COLOUR = "#059669"
-_COMPONENTS = (("exx", X_COLOUR, "o"), ("eyy", Y_COLOUR, "s"), ("exy", _SHEAR_COLOUR, "^"))
+_COMPONENTS = (("exx", X_COLOUR, "o"), ("eyy", Y_COLOUR, "s"), ("exy", SHEAR_COLOUR, "^"))
 SMOOTHED_POINTS = 21
 """Edge of the averaging window of Fig. 7: the noise of frame 0 (0.017 px per point in the simulated run) is common to all frames."""
 TRANSLATED_PX = 5.0
 """Translation in Fig. 16."""
+MAX_CURVES = 40
+"""Largest number of frames in Fig. 1."""
+MAX_RESIDUAL_FRAMES = 24
+"""Largest number of frames in the mean of Fig. 7; each is corrected again."""
 Field = NDArray[np.float64]
 
 
 def drift_within_frames(result: RunResult) -> Figure:
-    """Fig. 1: drift since the first row, frame by frame, over the time in the frame."""
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
+    """Fig. 1: drift since the first row, frame by frame, over the time in the frame; at most `MAX_CURVES` frames."""
+    figure = Figure(figsize=(PAGE_INCH, 2.4), layout="constrained")
     drift, last = result.estimate.drift, max(int(result.estimate.drift.frame.max()), 1)
-    for axes, axis in zip(_pair_of_axes(figure), (0, 1), strict=True):
-        for number in np.unique(drift.frame):
+    panels = figure.subplots(1, 2)
+    plain_axes(*panels)
+    numbers = spread(np.unique(drift.frame).tolist(), MAX_CURVES)
+    for axes, axis in zip(panels, (0, 1), strict=True):
+        for number in numbers:
             rows = drift.frame == number
             time_s = drift.time_s[rows] - drift.time_s[rows][0]
-            shade = 0.15 + 0.75 * number / last
-            axes.plot(time_s, drift.drift_px[rows, axis] - drift.drift_px[rows, axis][0], color=_shade(axis, shade), linewidth=0.9)
-        axes.set(xlabel="time in the frame (s)", ylabel=f"drift {'xy'[axis]} since its first row (px)")
-    figure.suptitle("one line a frame; the first are pale, the last dark", fontsize=9)
+            values = drift.drift_px[rows, axis] - drift.drift_px[rows, axis][0]
+            axes.plot(time_s, values, color=(X_COLOUR, Y_COLOUR)[axis], alpha=0.15 + 0.75 * number / last, linewidth=0.9)
+        axes.set(xlabel="time in the frame (s)", ylabel=f"drift along {'xy'[axis]} since the first row (px)")
     return figure
 
 
-def pair_residual(result: RunResult) -> Figure | None:
-    """Fig. 6: residual between the two frames of the middle pair after correction; None without stored fields."""
-    frames = {frame.summary.frame: frame.displacement for frame in result.frames}
-    pairs = [decision.pair for decision in result.decisions if 2 * decision.pair in frames and 2 * decision.pair + 1 in frames]
-    if not pairs:
-        return None
-    pair = pairs[len(pairs) // 2]
-    first, second = frames[2 * pair], frames[2 * pair + 1]
-    valid = first.valid & second.valid
+def spread(numbers: Sequence[int], most: int) -> list[int]:
+    """At most `most` of the numbers, evenly spread, the first and the last among them."""
+    if len(numbers) <= most:
+        return list(numbers)
+    return [numbers[round(at)] for at in np.linspace(0, len(numbers) - 1, most)]
+
+
+def middle_pair(result: RunResult) -> int:
+    """Number of the pair of Fig. 6."""
+    return result.decisions[len(result.decisions) // 2].pair
+
+
+def pair_residual(first: FrameResult, second: FrameResult, scale: ImageScale) -> Figure | None:
+    """Fig. 6: residual between the two frames of a pair after correction; None if no point was measured in both frames."""
+    before, after = first.displacement, second.displacement
+    valid = before.valid & after.valid
     if not valid.any():
         return None
-    figure = Figure(figsize=(11.0, 3.2), layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
-    both = []
-    for axes, name in ((left, "u"), (middle, "v")):
-        off = getattr(second, f"{name}_px") - getattr(first, f"{name}_px")
-        both.append(off[valid])
-        draw_map(
-            figure, axes, first.grid.x_px, first.grid.y_px, off, valid, f"{name}, frame {2 * pair + 1} less {2 * pair} (px)", robust=True
-        )
-    for values, colour in zip(both, (X_COLOUR, Y_COLOUR), strict=True):
-        right.hist(values, bins=80, histtype="step", color=colour)
-    labels = (f"{name}: sd {np.std(values):.4f}, mean {np.mean(values):+.4f}" for name, values in zip("uv", both, strict=True))
-    right.set_title("\n".join(labels), fontsize=8)
-    right.set(xlabel="residual (px); blue u, amber v", yticks=[])
-    right.locator_params(axis="x", nbins=4)
+    grid = before.grid
+    figure, panels = map_sheet(1, 3, grid.ny / grid.nx, PAGE_INCH)
+    right = panels[0].pop()
+    right.remove()
+    off = (after.u_px - before.u_px, after.v_px - before.v_px)
+    colours = colour_range([values[valid] for values in off])
+    for axes, values, name in zip(panels[0], off, "xy", strict=True):
+        draw_map(axes, grid, values, valid, colours, scale)
+        axes.set_title(f"along {name}")
+    label_lengths(panels, scale)
+    colour_bar(figure, panels[0], colours, "residual (px)")
+    histogram = figure.add_subplot(1, 3, 3)
+    plain_axes(histogram)
+    for values, colour, name in zip(off, (X_COLOUR, Y_COLOUR), "xy", strict=True):
+        histogram.hist(values[valid], bins=80, histtype="step", color=colour, label=f"{name}: sd {np.std(values[valid]):.4f} px")
+    histogram.set(xlabel="residual (px)", ylabel="points")
+    histogram.set_ylim(top=1.45 * histogram.get_ylim()[1])
+    histogram.legend(frameon=False, loc="upper right")
+    histogram.locator_params(axis="x", nbins=4)
     return figure
 
 
-def distortion_residual(result: RunResult) -> Figure | None:
-    """Fig. 7: mean residual of the unloaded frames after correction, without rigid motion and mean strain: uncorrected distortion."""
-    phases = {decision.pair: decision.step.phase for decision in result.decisions}
-    moved = [
-        frame.displacement for frame in result.frames if phases[frame.summary.frame // 2] is not Phase.TENSION and frame.summary.frame > 1
-    ]
-    if len(moved) < 2:
+def residual_frames(result: RunResult) -> list[int]:
+    """Numbers of the unloaded frames of Fig. 7, without the first pair; at most `MAX_RESIDUAL_FRAMES`, evenly spread."""
+    unloaded = [decision.pair for decision in result.decisions if decision.step.phase is not Phase.TENSION]
+    numbers = [2 * pair + member for pair in unloaded for member in (0, 1) if 2 * pair + member > 1]
+    return spread(numbers, MAX_RESIDUAL_FRAMES)
+
+
+def distortion_residual(result: RunResult, frame: Callable[[int], FrameResult], scale: ImageScale) -> Figure | None:
+    """Fig. 7: mean residual of the unloaded frames after correction, without rigid motion and mean strain: uncorrected distortion.
+
+    Args:
+        result: of the run.
+        frame: gives a corrected frame by its number; one frame is in memory at a time.
+        scale: unit of lengths.
+    """
+    numbers, sigma = residual_frames(result), result.estimate.distortion
+    if len(numbers) < 2:
         return None
-    grid = moved[0].grid
-    count = np.sum([field.valid for field in moved], axis=0)
-    valid = count >= max(2, len(moved) // 2)
+    shape = sigma.grid.shape
+    total, count = np.zeros((2, *shape)), np.zeros(shape)
+    for number in numbers:
+        moved = frame(number).displacement
+        total += [_without_plane(moved, name) for name in ("u_px", "v_px")]
+        count += moved.valid
+    valid = count >= max(2, len(numbers) // 2)
     if valid.sum() < 6:
         return None
-    figure = Figure(figsize=(11.0, 3.2), layout="constrained")
-    left, middle, right = figure.subplots(1, 3)
-    sizes = []
-    for axes, name in ((left, "u_px"), (middle, "v_px")):
-        total = sum((_without_plane(field, name) for field in moved), np.zeros(grid.shape))
-        common = _smoothed(total, count.astype(np.float64))
-        sizes.append(float(np.sqrt(np.mean(common[valid] ** 2))))
-        draw_map(figure, axes, grid.x_px, grid.y_px, common, valid, f"residual along {'x' if name[0] == 'u' else 'y'} (px)", robust=True)
-    sigma = result.estimate.distortion
-    draw_map(figure, right, sigma.grid.x_px, sigma.grid.y_px, sigma.sigma_px, sigma.valid, "stated sigma (px)", robust=False)
-    over_px = SMOOTHED_POINTS * grid.step_px
-    label = f"{len(moved)} frames, mean over {over_px} px: rms {sizes[0]:.4f} px along x, {sizes[1]:.4f} px along y"
-    figure.suptitle(label, fontsize=9)
+    mean = [_smoothed(component, count) for component in total]
+    figure, panels = map_sheet(1, 3, shape[0] / shape[1], PAGE_INCH)
+    colours = colour_range([component[valid] for component in mean])
+    for axes, values, name in zip(panels[0], mean, "xy", strict=False):
+        draw_map(axes, sigma.grid, values, valid, colours, scale)
+        axes.set_title(f"along {name}: rms {np.sqrt(np.mean(values[valid] ** 2)):.4f} px")
+    stated = colour_range([sigma.sigma_px[sigma.valid]])
+    draw_map(panels[0][2], sigma.grid, sigma.sigma_px, sigma.valid, stated, scale)
+    panels[0][2].set_title("standard uncertainty")
+    label_lengths(panels, scale)
+    colour_bar(figure, panels[0][:2], colours, "mean residual (px)")
+    colour_bar(figure, panels[0][2:], stated, "uncertainty (px)")
     return figure
 
 
-def drift_over_field(result: RunResult) -> Figure:
+def drift_over_field(result: RunResult, scale: ImageScale) -> Figure:
     """Fig. 10: drift since the first row over the field of the middle frame."""
     drift = result.estimate.drift
     numbers = np.unique(drift.frame)
@@ -111,12 +141,15 @@ def drift_over_field(result: RunResult) -> Figure:
     # The samples of the estimate have times in the frame; the mean scan time of integrated scans is later by a constant.
     time_s = info.timing.time_in_frame_s(x, y)
     in_frame_s = drift.time_s[rows] - drift.time_s[rows][0] + float(info.timing.time_in_frame_s(0.0, 0.0))
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    fields = [np.interp(time_s, in_frame_s, drift.drift_px[rows, axis] - drift.drift_px[rows, axis][0]) for axis in (0, 1)]
+    figure, panels = map_sheet(1, 2, grid.ny / grid.nx, PAGE_INCH)
     everywhere = np.ones(grid.shape, dtype=np.bool_)
-    for axes, axis in zip(figure.subplots(1, 2), (0, 1), strict=True):
-        values = np.interp(time_s, in_frame_s, drift.drift_px[rows, axis] - drift.drift_px[rows, axis][0])
-        draw_map(figure, axes, grid.x_px, grid.y_px, values, everywhere, f"drift {'xy'[axis]} (px)", robust=False)
-    figure.suptitle(f"frame {number}, {drift.time_s[rows][0] / 60:.0f} min after the run began", fontsize=9)
+    colours = colour_range(fields)
+    for axes, values, name in zip(panels[0], fields, "xy", strict=True):
+        draw_map(axes, grid, values, everywhere, colours, scale)
+        axes.set_title(f"frame {number}, along {name}")
+    label_lengths(panels, scale)
+    colour_bar(figure, panels[0], colours, "drift since the first row (px)")
     return figure
 
 
@@ -146,28 +179,21 @@ def constants(result: RunResult) -> Figure | None:
     """Fig. 14: both elastic constants with two standard uncertainties, by DIC and, if present, by the strain gage."""
     if result.elastic is None:
         return None
-    figure = Figure(figsize=(7.0, 2.6), layout="constrained")
+    figure = Figure(figsize=(PAGE_INCH, 1.7), layout="constrained")
     columns = [("DIC", result.elastic.youngs_modulus_gpa, result.elastic.poissons_ratio)]
     if result.gage is not None:
         columns.append(("strain gage", result.gage.youngs_modulus_gpa, result.gage.poissons_ratio))
-    for axes, place, title in zip(figure.subplots(1, 2), (1, 2), ("Young's modulus (GPa)", "Poisson's ratio"), strict=True):
+    panels = figure.subplots(1, 2)
+    plain_axes(*panels)
+    for axes, place, title in zip(panels, (1, 2), ("Young's modulus (GPa)", "Poisson's ratio"), strict=True):
         for at, row in enumerate(columns):
             constant = row[place]
             assert not isinstance(constant, str)  # the name is the first item
             axes.errorbar(constant.value, at, xerr=2 * constant.sigma, fmt="o", color=(Y_COLOUR, X_COLOUR)[at], capsize=4)
-            axes.annotate(
-                f"{constant.value:.4g} ± {constant.sigma:.2g}",
-                (constant.value, at),
-                xytext=(0, 8),
-                textcoords="offset points",
-                ha="center",
-                fontsize=8,
-            )
         axes.set_yticks(range(len(columns)), [row[0] for row in columns])
-        axes.set_ylim(-0.6, len(columns) - 0.2)
-        axes.set_title(title, fontsize=9)
+        axes.set_ylim(-0.6, len(columns) - 0.4)
+        axes.set_xlabel(title)
         axes.margins(x=0.3)
-        axes.grid(**GRID)
     return figure
 
 
@@ -177,59 +203,58 @@ def translation_path(result: RunResult) -> Figure | None:
     motions = [motion for motion in result.estimate.motions if motion.pair in steps]
     if len(motions) < 2:
         return None
-    figure, axes = framed(5.2, 4.6)
+    figure, axes = framed(0.55 * PAGE_INCH, 3.2)
     # The first pair is the origin of both paths.
     zero = np.array(steps[motions[0].pair].shift_px)
     commanded = np.array([steps[motion.pair].shift_px for motion in motions]) - zero
     measured, sigma = np.array([motion.shift_px for motion in motions]), np.array([motion.shift_sigma_px for motion in motions])
-    axes.plot(*commanded.T, "s--", color="#94a3b8", linewidth=0.8, markersize=6, markerfacecolor="none", label="commanded")
+    axes.plot(*commanded.T, "s--", color=SOFT, linewidth=0.8, markersize=6, markerfacecolor="none", label="commanded")
     axes.errorbar(
         *measured.T, xerr=2 * sigma[:, 0], yerr=2 * sigma[:, 1], fmt="o-", color=X_COLOUR, linewidth=0.9, markersize=3.5, label="measured"
     )
-    axes.set(xlabel="x (px)", ylabel="y (px)")
+    axes.set(xlabel="translation along x (px)", ylabel="translation along y (px)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
-    off = np.hypot(*(measured - commanded).T)
-    axes.set_title(f"{off.max():.2f} px largest distance", fontsize=9)
     axes.legend(frameon=False)
     return figure
 
 
-def false_strain_figure(result: RunResult, window_points: int) -> Figure | None:
+def false_strain_figure(result: RunResult, window_points: int, scale: ImageScale) -> Figure | None:
     """Fig. 16: false strain by translations of 5 px along x and along y without correction of the distortion."""
     distortion = result.estimate.distortion
     if min(distortion.grid.shape) < 7 or not distortion.valid.any():
         return None
-    figure = Figure(figsize=(11.0, 6.0), layout="constrained")
-    for row, (shift, axis) in zip(figure.subplots(2, 3), (((TRANSLATED_PX, 0.0), "x"), ((0.0, TRANSLATED_PX), "y")), strict=True):
-        field = false_strain(distortion, shift, min(window_points, *distortion.grid.shape))
-        for axes, name in zip(row, ("exx", "exy", "eyy"), strict=True):
-            values = 1e6 * getattr(field, name)
-            title = f"{name}, {TRANSLATED_PX:g} px along {axis} (1e-6)"
-            draw_map(figure, axes, field.grid.x_px, field.grid.y_px, values, field.valid, title, robust=False)
+    shifts = (((TRANSLATED_PX, 0.0), "x"), ((0.0, TRANSLATED_PX), "y"))
+    fields = [false_strain(distortion, shift, min(window_points, *distortion.grid.shape)) for shift, _ in shifts]
+    names = ("exx", "exy", "eyy")
+    colours = colour_range([MICRO * getattr(field, name)[field.valid] for field in fields for name in names])
+    figure, panels = map_sheet(2, 3, distortion.grid.ny / distortion.grid.nx, PAGE_INCH)
+    for row, field, (_, axis) in zip(panels, fields, shifts, strict=True):
+        for axes, name in zip(row, names, strict=True):
+            draw_map(axes, field.grid, MICRO * getattr(field, name), field.valid, colours, scale)
+            axes.set_title(f"{name}, {TRANSLATED_PX:g} px along {axis}")
+    label_lengths(panels, scale)
+    colour_bar(figure, [axes for row in panels for axes in row], colours, "false strain (10⁻⁶)")
     return figure
 
 
 def _strain_bars(over: Sequence[float], summaries: Sequence[StrainSummary], label: str) -> Figure:
     """Mean with its uncertainty above, scatter of the field below."""
-    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    figure = Figure(figsize=(PAGE_INCH, 3.4), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     highest = 0.0
     for name, colour, marker in _COMPONENTS:
         mean, sigma, sd = (
-            1e6 * np.array([getattr(getattr(summary, part), name) for summary in summaries]) for part in ("mean", "mean_sigma", "sd")
+            MICRO * np.array([getattr(getattr(summary, part), name) for summary in summaries]) for part in ("mean", "mean_sigma", "sd")
         )
         above.errorbar(over, mean, 2 * sigma, fmt=marker, color=colour, markersize=4, linewidth=0.9, label=name)
         below.plot(over, sd, marker, color=colour, markersize=4)
         highest = max(highest, float(np.max(sd)))
     above.axhline(0.0, color=INK, linewidth=0.6)
-    above.set(ylabel="mean strain (1e-6)")
-    above.legend(frameon=False, ncols=3, fontsize=8)
-    below.set(xlabel=label, ylabel="sd over field (1e-6)", ylim=(0.0, 1.15 * highest or 1.0))
-    for axes in (above, below):
-        axes.grid(**GRID)
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.suptitle(f"bars: two standard uncertainties; virtual strain gauge {summaries[-1].vsg_px:.0f} px", fontsize=9)
+    above.set(ylabel="mean strain (10⁻⁶)")
+    above.legend(frameon=False, ncols=3)
+    below.set(xlabel=label, ylabel="sd (10⁻⁶)", ylim=(0.0, 1.15 * highest or 1.0))
+    plain_axes(above, below)
     return figure
 
 
@@ -249,16 +274,3 @@ def _smoothed(total: Field, count: Field) -> Field:
     size = min(SMOOTHED_POINTS, *total.shape)
     weight = np.asarray(ndimage.uniform_filter(count, size, mode="constant"))
     return np.asarray(ndimage.uniform_filter(total, size, mode="constant")) / np.maximum(weight, 1e-9)
-
-
-def _pair_of_axes(figure: Figure) -> Sequence[Axes]:
-    axes = figure.subplots(1, 2)
-    for single in axes:
-        single.grid(**GRID)
-        single.spines[["top", "right"]].set_visible(False)
-    return list(axes)
-
-
-def _shade(axis: int, strength: float) -> tuple[float, float, float, float]:
-    red, green, blue = ((0.145, 0.388, 0.922), (0.851, 0.467, 0.024))[axis]
-    return (red, green, blue, strength)

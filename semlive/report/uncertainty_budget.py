@@ -57,11 +57,11 @@ def uncertainty_budget(result: RunResult, settings: AnalysisSettings) -> list[Ro
         rows.append(
             (
                 "Young's modulus",
-                f"{modulus.sigma:.2f} GPa",
+                f"{modulus.sigma:.2g} GPa",
                 f"strain and scatter of the load; add that of the cross-section of {area:g} mm²",
             )
         )
-        rows.append(("Poisson's ratio", f"{ratio.sigma:.4f}", "strain alone; load and cross-section cancel"))
+        rows.append(("Poisson's ratio", f"{ratio.sigma:.2g}", "strain alone; load and cross-section cancel"))
     if result.gage is not None:
         factor = 100 * settings.specimen.gage_factor_sigma
         rows.append(("DIC over gage", f"{result.gage.dic_over_gage.sigma:.4f}", f"strain, and {factor:.2g} % of the gage's factor"))

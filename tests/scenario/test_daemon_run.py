@@ -220,18 +220,21 @@ def test_the_report_is_one_page_that_needs_nothing_else(finished: Any, semlive: 
     assert code == 0, err
     text = page.read_text(encoding="utf-8")
     for title in (
-        "Load",
-        "Drift",
-        "Distortion",
+        "Reference image with the measured points",
+        "Protocol of the run",
+        "Drift over scan time",
+        "Distortion of the raster",
         "Strain under load",
-        "Strain maps",
-        "Stress and strain",
+        "Displacement at chosen load steps",
+        "Strain at chosen load steps",
+        "Stress over mean strain",
         "Elastic constants",
-        "Strain gage",
+        "Comparison with the strain gage",
     ):
-        assert f"<h2>{title}</h2>" in text
+        assert f"{title}.</b>" in text
+    assert "acceleration voltage 30 kV, detector BSED" in text
     assert "http" not in text
-    assert text.count("data:image/png;base64,") == text.count("<img ") == 14
+    assert text.count("data:image/svg+xml;base64,") == text.count("<img ") == 16
 
 
 def test_a_run_of_the_same_name_is_refused(finished: Any) -> None:

@@ -15,14 +15,17 @@ from semlive.cli.after_run.confirmation import SimulationRequest, comparison_jso
 from semlive.cli.after_run.forecast_table import forecast_table
 from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
+from semlive.cli.shared.report_files import figures_option, pdf_option, write_report_files
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
 from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis
 from semlive.diagnose.simulation_comparison import Comparison
-from semlive.report.diagnosis_page import diagnosis_html
+from semlive.report.diagnosis_report import diagnosis_report
+from semlive.report.document.html_writer import html_page
 from semlive.service.diagnosis.model_file import compatible_model, model_of, write_model
 from semlive.service.diagnosis.run import diagnose_log
 from semlive.service.diagnosis.verdict_json import diagnosis_json
 from semlive.service.log.opened_log import OpenedLog
+from semlive.service.log.pairs import first_frame
 from semlive.service.runtime.memory import single_arena
 
 _OUTCOME_TEXTS = {
@@ -39,6 +42,10 @@ def diagnose(
     model: Annotated[Path | None, typer.Option(help="Model to start with, as `-o` writes it.")] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the model with the identified effects to this file.")] = None,
     page: Annotated[Path | None, typer.Option("--html", help="Write the diagnosis as one HTML page to this file.")] = None,
+    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write the diagnosis as PDF to this file; needs semlive[pdf].")] = None,
+    pictures: Annotated[
+        Path | None, typer.Option("--figures", help="Folder for every figure as PNG, SVG and PDF, and for the captions.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random draws that calibrate the tests.", min=0)] = 0,
     prove: Annotated[
         str | None,
@@ -55,6 +62,7 @@ def diagnose(
         if path is not None:
             output_file(path, option)
     simulation = None if prove is None else SimulationRequest(prove, new_folder(prove_out, "--prove-out"))
+    pdf, pictures = pdf_option(pdf), figures_option(pictures)
     opened = OpenedLog(log)
     parent = model_of(opened) if model is None else compatible_model(opened, model)
     with multi_stage_progress() as progress:
@@ -70,19 +78,23 @@ def diagnose(
         if simulation is not None:
             with multi_stage_progress() as progress:
                 comparison = confirm(log, out, simulation, progress)
-    if page is not None:
-        made_from = [
-            ("log", log.name),
-            ("model", parent.name),
-            ("seed", str(seed)),
-            ("semlive", version("semlive")),
-        ]
-        write_text(page, diagnosis_html(log.name, diagnosis, made_from, comparison))
+    if page is not None or pdf is not None or pictures is not None:
+        made_from = [("log", log.name), ("model", parent.name), ("seed", str(seed)), ("semlive", version("semlive"))]
+        document = diagnosis_report(log.name, diagnosis, made_from, first_frame(log), comparison)
+        if page is not None:
+            write_text(page, html_page(document))
+        write_report_files(document, pdf, pictures)
     if as_json:
         proof = {} if prove is None else {"proof": None if comparison is None else comparison_json(comparison)}
         typer.echo(json.dumps({**diagnosis_json(diagnosis), **proof}))
         return
     console = Console()
+    _print_diagnosis(console, diagnosis)
+    if prove is not None:
+        _print_comparison(console, comparison, page)
+
+
+def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     console.print(f"{diagnosis.outcome.value}: {_OUTCOME_TEXTS[diagnosis.outcome]}")
     for effect in diagnosis.effects:
         console.print(_effect_table(effect))
@@ -105,8 +117,6 @@ def diagnose(
         console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
         if diagnosis.experiment.forecasts:
             console.print(forecast_table(diagnosis.experiment.forecasts))
-    if prove is not None:
-        _print_comparison(console, comparison, page)
 
 
 def _print_comparison(console: Console, comparison: Comparison | None, page: Path | None) -> None:

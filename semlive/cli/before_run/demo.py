@@ -18,10 +18,11 @@ from semlive.cli.shared.simulated_run import daemon_config, run_daemon
 from semlive.cli.shared.simulator import running_simulator
 from semlive.cli.shared.tables import result_table, score_table
 from semlive.errors import BadInput, SemliveError
-from semlive.report.page import report_html
+from semlive.report.document.html_writer import html_page
+from semlive.report.run_data import run_data
+from semlive.report.run_report import run_report
 from semlive.report.scoring.score import load_truth, score
-from semlive.service.log.run_facts import log_facts
-from semlive.service.replay.replay import ReplayCallbacks, load_series, result_from_maps
+from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, Source, replay
 
 
 def demo(
@@ -91,14 +92,14 @@ def moved_by_hand(config: dict[str, Any], rate: float) -> dict[str, Any]:
 def _show(console: Console, folder: Path, truth_file: Path) -> None:
     log = folder / "log" / "demo"
     with multi_stage_progress() as progress:
-        result, settings = result_from_maps(log, ReplayCallbacks(progress))
+        done = replay(ReplayRequest(log, source=Source.DISPARITY), ReplayCallbacks(progress))
     truth = load_truth(truth_file)
-    scores = score(result, truth)
+    scores = score(done.result, truth)
     page = folder / "report.html"
     with progress_bar("drawing", "figure") as drawing:
-        write_text(page, report_html("demo", result, load_series(log), settings, log_facts(log), drawing))
+        write_text(page, html_page(run_report(run_data(log, done)), drawing))
     (folder / "score.json").write_text(json.dumps({quantity.name: quantity.to_json() for quantity in scores}, indent=1), encoding="utf-8")
-    console.print(result_table(result))
+    console.print(result_table(done.result))
     console.print(score_table(scores))
     if truth["clock_stretches"]:
         console.print(f"the simulator was too slow {truth['clock_stretches']} times and stretched the clock")

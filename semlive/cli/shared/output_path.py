@@ -60,7 +60,7 @@ def output_folder(path: Path, option: str) -> Path:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8; a regular file is replaced at once, so that no half-written file remains.
+    """Write a text file in UTF-8, as `write_bytes`.
 
     Raises:
         SemliveError: it cannot be written.
@@ -68,7 +68,7 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def write_bytes(path: Path, data: bytes) -> None:
+def write_bytes(path: Path, content: bytes) -> None:
     """Write a file; a regular file is replaced at once, so that no half-written file remains.
 
     Raises:
@@ -77,9 +77,9 @@ def write_bytes(path: Path, data: bytes) -> None:
     part = path.with_name(path.name + _PARTIAL_SUFFIX)
     try:
         if path.exists() and not path.is_file():
-            path.write_bytes(data)
+            path.write_bytes(content)
             return
-        part.write_bytes(data)
+        part.write_bytes(content)
         part.replace(path)
     except OSError as error:
         with contextlib.suppress(OSError):

@@ -17,14 +17,14 @@ class PngWriter:
     """
 
     def __init__(self, out: Path) -> None:
-        self._out = out
+        self._out, self._sheet = out, figures.FieldSheet()
         out.mkdir(parents=True, exist_ok=True)
 
     def write_frame(self, frame: FrameResult) -> None:
         """Draw displacement and strain of one frame."""
         summary = frame.summary
         title = f"frame {summary.frame}, virtual strain gauge {summary.vsg_px:.0f} px"
-        (self._out / f"frame_{summary.frame:05d}.png").write_bytes(figures.png(figures.field_maps(frame, title)))
+        (self._out / f"frame_{summary.frame:05d}.png").write_bytes(figures.png(self._sheet.draw(frame, title)))
 
     def write_metadata(self, metadata: RunMetadata) -> None:
         """Draw the rest."""

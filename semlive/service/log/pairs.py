@@ -11,6 +11,7 @@ import numpy as np
 from mcap.records import Channel, Statistics
 
 from semlive.data.disparity import DisparityMap
+from semlive.data.frame import FrameInfo
 from semlive.data.loading import LoadSeries
 from semlive.data.pair import PairDecision
 from semlive.data.settings import AnalysisSettings
@@ -56,6 +57,20 @@ def first_run(log: Path) -> RunMessage:
         BadLog: the log cannot be read or has none.
     """
     return OpenedLog(log).run
+
+
+def first_frame(log: Path) -> FrameInfo | None:
+    """Return the metadata of frame 0; None if the log has no pair.
+
+    Raises:
+        BadLog: the log cannot be read.
+    """
+    found = OpenedLog(log).first("/pair")
+    if found is None:
+        return None
+    message = from_json("/pair", found.payload)
+    assert isinstance(message, PairMessage)  # by its topic
+    return message.first
 
 
 def log_settings(log: Path) -> AnalysisSettings:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ class LogFacts:
         files: number of exported files that arrived.
         refused: files that were not used, in order.
         alarms: alarms of the run; None if the log was not searched for them.
+        sha256: checksums of the exported files, hexadecimal, by their number.
     """
 
     host: str = ""
@@ -48,6 +50,7 @@ class LogFacts:
     files: int = 0
     refused: tuple[RefusedFile, ...] = ()
     alarms: Alarms | None = None
+    sha256: Mapping[int, str] = field(default_factory=dict[int, str])
 
 
 def log_facts(log: Path) -> LogFacts:
@@ -58,6 +61,7 @@ def log_facts(log: Path) -> LogFacts:
     """
     runs: list[RunMessage] = []
     names: dict[int, str] = {}
+    sha256: dict[int, str] = {}
     refused: list[RefusedFile] = []
     alarms = Alarms()
     for message in messages(log):
@@ -70,10 +74,11 @@ def log_facts(log: Path) -> LogFacts:
         elif isinstance(content, FileMessage):
             if content.decision == "arrived" and content.export is not None:
                 names[content.export] = content.name
+                sha256[content.export] = content.sha256
             elif content.decision == "refused":
                 name = content.name or ("" if content.export is None else names.get(content.export, ""))
                 refused.append(RefusedFile(content.export, name, content.reason))
     if not runs:
-        return LogFacts(files=len(names), refused=tuple(refused), alarms=alarms)
+        return LogFacts(files=len(names), refused=tuple(refused), alarms=alarms, sha256=sha256)
     first = runs[0]
-    return LogFacts(first.host, len(runs), dict(first.versions), dict(first.config), len(names), tuple(refused), alarms)
+    return LogFacts(first.host, len(runs), dict(first.versions), dict(first.config), len(names), tuple(refused), alarms, sha256)

@@ -16,7 +16,8 @@ from semlive.data.diagnosis.channels import IntensityDiagnosis
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.settings import DicSettings
 from semlive.diagnose.intensity.verdict import diagnose_intensity
-from semlive.report.diagnosis_page import diagnosis_html
+from semlive.report.diagnosis_report import diagnosis_report
+from semlive.report.document.html_writer import html_page
 from semlive.service.diagnosis.model_file import Model, write_model
 from semlive.service.diagnosis.run import diagnose_log
 from semlive.service.diagnosis.verdict_json import diagnosis_json
@@ -125,7 +126,7 @@ def test_a_jump_with_a_flash_is_a_charges(jumping: Path, tmp_path: Path) -> None
     verdict, _ = diagnose_log(log)
     found = diagnosis_json(verdict)
     write_model(model, verdict, log, Model())
-    page.write_text(diagnosis_html("run", verdict), encoding="utf-8")
+    page.write_text(html_page(diagnosis_report("run", verdict)), encoding="utf-8")
 
     names = [item["name"] for item in found["effects"]]
     assert "charging_jump" in names

@@ -15,8 +15,11 @@ from semlive.errors import BadInput, SemliveError
 COMMANDS = (
     ("report", "LOG", "--out", "FILE"),
     ("report", "LOG", "--figures", "FOLDER"),
+    ("report", "LOG", "--pdf", "FILE"),
     ("diagnose", "LOG", "--html", "FILE"),
     ("diagnose", "LOG", "--out", "FILE"),
+    ("diagnose", "LOG", "--pdf", "FILE"),
+    ("diagnose", "LOG", "--figures", "FOLDER"),
     ("experiment", "propose", "LOG", "--out", "FILE"),
     ("export", "LOG", "--format", "hdf5", "--out", "FILE"),
     ("export", "LOG", "--format", "png", "--out", "FOLDER"),

@@ -1,0 +1,100 @@
+"""Appendix: settings, versions, files with checksums, alarms, and files that were not used."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from importlib.metadata import version
+
+import yaml
+
+from semlive.data.grid import Grid
+from semlive.data.settings import MEASURES, AnalysisSettings
+from semlive.report.alarms import alarm_blocks
+from semlive.report.document.blocks import Block, Listing, Paragraph, Section, Table
+from semlive.report.run_data import RunData
+from semlive.report.sections.wording import NOT_RECORDED
+from semlive.service.config.overrides import as_keys
+from semlive.service.log.run_facts import LogFacts
+
+_REASON_NUMBERS = re.compile(r"\d+(?:\.\d+)?")
+
+
+def appendix_sections(data: RunData) -> tuple[Section, ...]:
+    """Appendix with one section for each subject.
+
+    Args:
+        data: of the run.
+    """
+    grid = data.result.estimate.distortion.grid
+    rows = tuple((key, str(value)) for key, value in as_keys(data.settings).items())
+    settings = (
+        Paragraph(settings_text(data.settings, grid)),
+        Table("Every setting of the analysis.", ("key", "value"), rows, text=True, folded=True),
+    )
+    return (
+        *fact_sections(data.facts),
+        Section("Settings", (*settings, *configuration_blocks(data.facts))),
+        Section("Files and versions", (*_file_blocks(data), versions_table(data.facts))),
+    )
+
+
+def fact_sections(facts: LogFacts) -> tuple[Section, ...]:
+    """Alarms and files that were not used, for a run with or without results.
+
+    Args:
+        facts: facts of the log.
+    """
+    return Section("Alarms", alarm_blocks(facts.alarms)), Section("Refused frames", refused_blocks(facts))
+
+
+def settings_text(settings: AnalysisSettings, grid: Grid) -> str:
+    """Subset, grid, virtual strain gauge and measure of strain."""
+    gauge = settings.estimate.window_points
+    subset = f"Subset {grid.subset_px} px, step" if grid.subset_px else "Maps of another engine, step"
+    return (
+        f"{subset} {grid.step_px} px, virtual strain gauge {gauge} x {gauge} points = {grid.vsg_px(gauge)} px, "
+        f"{MEASURES[settings.estimate.strain.measure]} relative to frame 0, tension positive."
+    )
+
+
+def refused_blocks(facts: LogFacts) -> tuple[Block, ...]:
+    """Number of files that were not used by reason, and a list; with continuous scanning most frames are not part of a pair."""
+    if not facts.refused:
+        return (Paragraph(f"None of {facts.files} files." if facts.files else "The log contains none."),)
+    count = Counter(_REASON_NUMBERS.sub("#", file.reason.removeprefix(file.name).strip()) for file in facts.refused)
+    reasons = tuple((reason, str(times)) for reason, times in count.most_common())
+    rows = tuple(("" if file.export is None else str(file.export), file.name, file.reason) for file in facts.refused)
+    return (
+        Paragraph(f"{len(facts.refused)} of {facts.files} files were not used."),
+        Table("Reasons; # replaces a number.", ("reason", "files"), reasons, text=True),
+        Table("Each file that was not used.", ("export", "file", "reason"), rows, text=True, folded=True),
+    )
+
+
+def configuration_blocks(facts: LogFacts) -> tuple[Block, ...]:
+    """The configuration of the run, if the log has one."""
+    if not facts.config:
+        return ()
+    return (Listing("The configuration of the run", yaml.safe_dump(facts.config, sort_keys=False, allow_unicode=True)),)
+
+
+def versions_table(facts: LogFacts) -> Table:
+    """Versions of the programs of report and run."""
+    rows = [("report made by semlive", version("semlive"))]
+    rows += [(f"run made by {name}" if name == "semlive" else name, number) for name, number in (facts.versions or {}).items()]
+    rows += [("computer", facts.host)] if facts.host else []
+    rows += [("started or resumed", f"{facts.segments} times")] if facts.segments > 1 else []
+    return Table("Versions.", ("what", "version"), tuple(rows), text=True)
+
+
+def _file_blocks(data: RunData) -> tuple[Block, ...]:
+    log = tuple((file.name, f"{file.size / 1e6:.1f}", file.sha256 or "not computed: the log is larger than 4 GB") for file in data.files)
+    blocks: list[Block] = [Table("Files of the log.", ("file", "MB", "SHA-256"), log, text=True)] if log else []
+    images = tuple(
+        (str(2 * decision.pair + member), info.name, data.facts.sha256.get(info.export) or NOT_RECORDED)
+        for decision in data.result.decisions
+        for member, info in enumerate((decision.first, decision.second))
+    )
+    blocks.append(Table("Image files of the frames.", ("frame", "file", "SHA-256"), images, text=True, folded=True))
+    return tuple(blocks)
