@@ -148,6 +148,7 @@ class _Daemon:
         try:
             identities = await self._open_devices(stack, run, links, complete)
         except SemliveError as error:
+            analysis.kill()  # it has nothing to analyse, and the operator would wait for the end of its imports
             raise self._start_refused(control, error, previous) from error
         loop = ProtocolLoop(
             control,
