@@ -63,11 +63,19 @@ COMPILE = (
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """With several processes, compile kernels before they start; all of them, and the daemons of their tests, would compile the same."""
-    if getattr(session.config.option, "numprocesses", None) and not hasattr(session.config, "workerinput"):
-        with tempfile.TemporaryDirectory() as folder:
-            for arguments in COMPILE:
-                subprocess.run([sys.executable, *arguments], cwd=folder, capture_output=True, check=True)
+    """With several processes, compile before they start; all of them, and the daemons of their tests, would compile the same.
+
+    Besides kernels these are the modules of all packages and tests, which are compiled when the tests are collected a first time.
+    """
+    count = getattr(session.config.option, "numprocesses", None)
+    if not count or hasattr(session.config, "workerinput"):
+        return
+    collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:cacheprovider", *session.config.args]
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
+        kernels = [subprocess.Popen([sys.executable, *arguments], cwd=folder, stdout=output, stderr=output) for arguments in COMPILE]
+        if count > 1:
+            subprocess.run(collect, cwd=session.config.invocation_params.dir, stdout=output, stderr=output, check=False)
+        assert [process.wait() for process in kernels] == [0] * len(COMPILE), "the kernels cannot be compiled"
 
 
 WAITING = ("scenario/test_daemon", "scenario/test_demo", "scenario/test_bench", "fault/", "browser/", "contract/links/")
