@@ -1,4 +1,4 @@
-"""What `semlive demo` shows after the experiment: result and truth side by side, and the report."""
+"""What `semlive demo` shows after the experiment: result, truth and the report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from semlive.service.replay.replay import ReplayCallbacks, load_series, result_f
 
 
 def show_result(console: Console, folder: Path, truth_file: Path) -> None:
-    """Print the result beside the truth, and write report and scores.
+    """Print the result and the truth, and write report and scores.
 
     Args:
         console: where the tables are printed.
