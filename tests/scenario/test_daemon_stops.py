@@ -43,6 +43,7 @@ def test_ctrl_c_stops_the_frame_and_finishes_the_log(
     instrument: Callable[..., Any], wait_until: Callable[..., None], watched: Callable[[Path], Any], state: str
 ) -> None:
     one = instrument(f"ctrl-c-{state}")
+    one.wait_for_slow_answers()
     # The load first, so that the early states are those of a frame that moves; more steps, so that the run is not over too soon.
     one.config["protocol"].update(calibration_shifts_px=[], loads_n=[600.0, 620.0, 640.0, 660.0], ramp_rate_n_s=20.0)
     one.config["limits"]["force_step_max_n"] = 1000.0
@@ -119,6 +120,7 @@ def test_ctrl_c_is_heard_at_every_stage_of_starting(instrument: Callable[..., An
 
 def test_a_killed_analysis_is_started_again_and_loses_nothing(instrument: Callable[..., Any], watched: Callable[[Path], Any]) -> None:
     one = instrument("killed-analysis")
+    one.wait_for_slow_answers()
     process = one.start()
     watched(one.log).until(lambda found: len(found.get("/pair", ())) == 2, process, STARTS_S)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
@@ -137,6 +139,7 @@ def test_a_killed_analysis_is_started_again_and_loses_nothing(instrument: Callab
 
 def test_an_unreadable_image_is_refused_by_name_and_the_run_goes_on(instrument: Callable[..., Any], watched: Callable[[Path], Any]) -> None:
     one = instrument("unreadable")
+    one.wait_for_slow_answers()
     # A hold of 5 s: what comes when it is seen is looked at before the run ends.
     one.config["protocol"].update(calibration_shifts_px=[[0, 0]], loads_n=[], hold_s=100.0)
     process = one.start()
