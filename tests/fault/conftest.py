@@ -19,6 +19,9 @@ import yaml
 
 from semlive.service.log.files import messages
 
+sys.path.insert(0, str(Path(__file__).parent / "campaign"))
+from states import StatesOf
+
 ENTRY_POINTS = """
 [semlive.load_frames]
 sick = sick_driver:SickLoadFrame
@@ -92,7 +95,8 @@ class Patient:
         return [json.loads(item.payload) for item in messages(self.log) if item.topic == topic] if found else []
 
     def reach(self, state: str) -> Patient:
-        wait_until(lambda: any(item["after"] == state for item in self.logged("/state")) or self.daemon.poll() is not None)
+        states = StatesOf(self.log)
+        wait_until(lambda: state in states.so_far() or self.daemon.poll() is not None)
         assert self.daemon.poll() is None, self.daemon.communicate()
         return self
 

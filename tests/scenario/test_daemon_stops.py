@@ -20,14 +20,17 @@ from mcap.reader import make_reader
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 
+STARTS_S = 150.0
+"""Wall seconds within which a run gets to the state that is waited for."""
+
 
 def logged(log: Path, topic: str) -> list[dict[str, Any]]:
     """What stands in a log, growing or finished."""
     return [json.loads(message.payload) for message in messages(log) if message.topic == topic] if log.is_dir() else []
 
 
-def reached(log: Path, state: str) -> bool:
-    return bool(list(log.glob("*.mcap*"))) and any(one["after"] == state for one in logged(log, "/state"))
+def reached(found: dict[str, list[dict[str, Any]]], state: str) -> bool:
+    return any(one["after"] == state for one in found.get("/state", ()))
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -36,13 +39,16 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize("state", ["connecting", "ready", "ramping", "settling", "holding", "imaging"])
-def test_ctrl_c_stops_the_frame_and_finishes_the_log(instrument: Callable[..., Any], wait_until: Callable[..., None], state: str) -> None:
+def test_ctrl_c_stops_the_frame_and_finishes_the_log(
+    instrument: Callable[..., Any], wait_until: Callable[..., None], watched: Callable[[Path], Any], state: str
+) -> None:
     one = instrument(f"ctrl-c-{state}")
+    one.wait_for_slow_answers()
     # The load first, so that the early states are those of a frame that moves; more steps, so that the run is not over too soon.
     one.config["protocol"].update(calibration_shifts_px=[], loads_n=[600.0, 620.0, 640.0, 660.0], ramp_rate_n_s=20.0)
     one.config["limits"]["force_step_max_n"] = 1000.0
     process = one.start()
-    wait_until(lambda: reached(one.log, state))
+    watched(one.log).until(lambda found: reached(found, state), process, STARTS_S)
     process.send_signal(signal.SIGINT)
     code, said = finish(process)
     assert code == 1, said
@@ -112,10 +118,11 @@ def test_ctrl_c_is_heard_at_every_stage_of_starting(instrument: Callable[..., An
     assert not list(one.log.glob("*.part"))
 
 
-def test_a_killed_analysis_is_started_again_and_loses_nothing(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
+def test_a_killed_analysis_is_started_again_and_loses_nothing(instrument: Callable[..., Any], watched: Callable[[Path], Any]) -> None:
     one = instrument("killed-analysis")
+    one.wait_for_slow_answers()
     process = one.start()
-    wait_until(lambda: len(logged(one.log, "/pair")) == 2)
+    watched(one.log).until(lambda found: len(found.get("/pair", ())) == 2, process, STARTS_S)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     assert len(children) == 1
     os.kill(int(children[0]), signal.SIGKILL)
@@ -130,14 +137,13 @@ def test_a_killed_analysis_is_started_again_and_loses_nothing(instrument: Callab
     assert exports == sorted(set(exports))
 
 
-def test_an_unreadable_image_is_refused_by_name_and_the_run_goes_on(
-    instrument: Callable[..., Any], wait_until: Callable[..., None]
-) -> None:
+def test_an_unreadable_image_is_refused_by_name_and_the_run_goes_on(instrument: Callable[..., Any], watched: Callable[[Path], Any]) -> None:
     one = instrument("unreadable")
+    one.wait_for_slow_answers()
     # A hold of 5 s: what comes when it is seen is looked at before the run ends.
     one.config["protocol"].update(calibration_shifts_px=[[0, 0]], loads_n=[], hold_s=100.0)
     process = one.start()
-    wait_until(lambda: reached(one.log, "holding"))
+    watched(one.log).until(lambda found: reached(found, "holding"), process, STARTS_S)
     # A picture of somebody else's: whole, but without any scan timing.
     shape = (64, 64)
     png = cv2.imencode(".png", np.random.default_rng(1).integers(0, 255, shape, dtype=np.uint8))[1].tobytes()
@@ -161,7 +167,7 @@ def test_a_load_beyond_the_limits_is_refused_before_anything_moves(instrument: C
 
 
 def test_a_lost_bench_ends_the_run_with_one_sentence(
-    tmp_path: Path, instrument: Callable[..., Any], wait_until: Callable[..., None]
+    tmp_path: Path, instrument: Callable[..., Any], watched: Callable[[Path], Any]
 ) -> None:
     one = instrument("lost")
     scenario = one.folder.parent / "small.yaml"
@@ -171,7 +177,7 @@ def test_a_lost_bench_ends_the_run_with_one_sentence(
         one.config["sem"]["folder"] = bench["export_folder"]
         one.config["run"]["clock_file"] = bench["clock_file"]
         process = one.start()
-        wait_until(lambda: reached(one.log, "holding"))
+        watched(one.log).until(lambda found: reached(found, "holding"), process, STARTS_S)
     code, said = finish(process)
     assert code == 1
     assert "Traceback" not in said

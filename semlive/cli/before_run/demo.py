@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,17 +11,10 @@ import typer
 import yaml
 from rich.console import Console
 
-from semlive.cli.shared.output_path import output_folder, write_text
-from semlive.cli.shared.progress_bar import multi_stage_progress, progress_bar
+from semlive.cli.shared.output_path import output_folder
 from semlive.cli.shared.simulated_run import daemon_config, run_daemon
 from semlive.cli.shared.simulator import running_simulator
-from semlive.cli.shared.tables import result_table, score_table
 from semlive.errors import BadInput, SemliveError
-from semlive.report.document.html_writer import html_page
-from semlive.report.run_data import run_data
-from semlive.report.run_report import run_report
-from semlive.report.scoring.score import load_truth, score
-from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, Source, replay
 
 
 def demo(
@@ -58,7 +50,9 @@ def demo(
         truth_file = Path(bench["truth_file"])
     if code != 0:
         raise SemliveError(f"the daemon ended with exit code {code}; its log is in {folder / 'log'}")
-    _show(console, folder, truth_file)
+    from semlive.cli.before_run.demo_result import show_result  # noqa: PLC0415  (1.5 s, for which the experiment need not wait)
+
+    show_result(console, folder, truth_file)
     console.print(f"done in {time.monotonic() - began:.0f} s; try: semlive replay {folder / 'log' / 'demo'}")
 
 
@@ -87,20 +81,3 @@ def moved_by_hand(config: dict[str, Any], rate: float) -> dict[str, Any]:
         "stage": {**stage, "driver": "operator", "settings": {"um_per_px": pixel_um, "rehearsal": stage["settings"]}},
         "protocol": {**config["protocol"], "motion_timeout_s": _PATIENCE_S * rate},
     }
-
-
-def _show(console: Console, folder: Path, truth_file: Path) -> None:
-    log = folder / "log" / "demo"
-    with multi_stage_progress() as progress:
-        done = replay(ReplayRequest(log, source=Source.DISPARITY), ReplayCallbacks(progress))
-    truth = load_truth(truth_file)
-    scores = score(done.result, truth)
-    page = folder / "report.html"
-    with progress_bar("drawing", "figure") as drawing:
-        write_text(page, html_page(run_report(run_data(log, done)), drawing))
-    (folder / "score.json").write_text(json.dumps({quantity.name: quantity.to_json() for quantity in scores}, indent=1), encoding="utf-8")
-    console.print(result_table(done.result))
-    console.print(score_table(scores))
-    if truth["clock_stretches"]:
-        console.print(f"the simulator was too slow {truth['clock_stretches']} times and stretched the clock")
-    console.print(f"report: {page}")

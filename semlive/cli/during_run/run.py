@@ -18,12 +18,13 @@ from semlive.cli.shared.live_page import PORT, Host, Name, PageAddress, PageProc
 from semlive.engine import OperatorCommand
 from semlive.errors import BadConfig, SemliveError
 from semlive.inputs.printable import printable
-from semlive.service.config.configuration import load_config
+from semlive.service.config.configuration import Config, load_config
 from semlive.service.config.plausibility import refuse_unusual
 from semlive.service.control.socket import SocketAddress
 from semlive.service.daemon import RunInterface, run_experiment
-from semlive.service.diagnosis.model_file import config_with_model
 from semlive.service.log.alarms import ACKNOWLEDGE, AcknowledgeAll
+from semlive.service.log.files import segments
+from semlive.service.log.opened_log import OpenedLog
 from semlive.service.runtime.drivers import operator_interfaces
 from semlive.service.runtime.memory import single_arena_small_blocks
 
@@ -57,7 +58,7 @@ def run(
 ) -> None:
     """Run an experiment; type pause, resume, stop, abort or acknowledge and press Enter, or Ctrl-C to stop."""
     single_arena_small_blocks()
-    checked = config_with_model(load_config(config), model, resume)
+    checked = _with_model(load_config(config), model, resume)
     refuse_unusual(checked, str(config))
     if yes and not resume:
         raise BadConfig("--yes confirms --resume; give both options, or leave --yes out")
@@ -84,6 +85,18 @@ def run(
                 threading.Event().wait()
     if not outcome.complete:
         raise SemliveError(f"the run did not complete: {outcome.text}")
+
+
+def _with_model(config: Config, model: Path | None, resume: bool) -> Config:
+    """Configuration with the model of effects that the run corrects; a run without a model needs no numerical packages."""
+    folder = config.run.folder / config.run.name
+    if model is None and config.model is None:
+        logged = OpenedLog(folder).run.config if resume and segments(folder) else {}
+        if logged.get("model") is None:
+            return config
+    from semlive.service.diagnosis.model_file import config_with_model  # noqa: PLC0415  (1.5 s of processor time)
+
+    return config_with_model(config, model, resume)
 
 
 def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place: PageAddress, address: SocketAddress) -> None:

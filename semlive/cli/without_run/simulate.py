@@ -16,7 +16,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from semlive.cli.shared.output_path import output_folder
 from semlive.cli.shared.simulator import simulator_module
 from semlive.errors import BadInput, SemliveError
-from semlive.service.diagnosis.model_scenario import scenario_yaml
 
 
 def simulate(
@@ -30,6 +29,8 @@ def simulate(
     """Simulate the experiment of a scenario without the daemon, and write the files that the microscope would export."""
     output_folder(out, "--out")
     if model is not None:
+        from semlive.service.diagnosis.model_scenario import scenario_yaml  # noqa: PLC0415  (1.4 s, and only a model needs it)
+
         with tempfile.TemporaryDirectory(prefix="semlive-") as folder:
             extended = Path(folder) / "scenario.yaml"
             extended.write_text(scenario_yaml(model, _absolute(scenario)), encoding="utf-8")

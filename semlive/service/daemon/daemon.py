@@ -94,6 +94,7 @@ class _Daemon:
         self._versions = versions(("numpy", "scipy", "numba", "mcap"))
         self._supervisor = SystemdNotifier(os.environ)
         self._signals = StopSignals()
+        self._has_begun = False
 
     async def run(self) -> RunOutcome:
         """Open clock, log and control, run the experiment, and close everything."""
@@ -165,7 +166,9 @@ class _Daemon:
         text = failure or (f"{reason}: {finish.text}" if reason else finish.text)
         unconfirmed = await asyncio.get_running_loop().run_in_executor(None, close_links, links)
         watcher.close()
-        analysed = await drain_analysis(control, analysis, finish.outcome is not State.COMPLETE, lambda: self._signals.skip_analysis)
+        analysed = not self._has_begun and previous is None  # it has no input, and its imports and kernels may take long
+        if not analysed:
+            analysed = await drain_analysis(control, analysis, finish.outcome is not State.COMPLETE, lambda: self._signals.skip_analysis)
         return await self._conclude(run, replace(finish, text=text), unconfirmed, analysed)
 
     def _start_analysis(self, stack: contextlib.ExitStack, run: _Run) -> AnalysisProcess:
@@ -179,8 +182,14 @@ class _Daemon:
             (0, 0) if previous is None else (previous.inputs, previous.outputs),
         )
         stack.callback(analysis.close, 5.0)
+        stack.callback(self._kill_unused, analysis)
         run.journal.subscribe(analysis.notify_input)
         return analysis
+
+    def _kill_unused(self, analysis: AnalysisProcess) -> None:
+        """Do not wait for the analysis of a refused start: it has nothing to analyse, and its imports and kernels take seconds."""
+        if not self._has_begun:
+            analysis.kill()
 
     def _log_start(self, run: _Run) -> None:
         """Write the first messages of the segment."""
@@ -237,7 +246,7 @@ class _Daemon:
         return error if previous is not None else named_in(error, self._folder.path)
 
     def _protocol_begins(self) -> None:
-        self._folder.keep = True
+        self._folder.keep = self._has_begun = True
         self._supervisor.ready(f"run {self._config.run.name}")
 
     async def _conclude(self, run: _Run, finish: FinishRun, unconfirmed: list[str], analysed: bool) -> RunOutcome:

@@ -196,7 +196,7 @@ def step(
     """
     lost = parameters.relaxation_fraction * state.elastic_n
     relaxed = lost + (state.relaxed_n - lost) * math.exp(-dt_s / parameters.relaxation_time_s)
-    moved = replace(state, relaxed_n=relaxed)
+    moved = state if relaxed == state.relaxed_n else replace(state, relaxed_n=relaxed)
     if state.drive is Drive.RAMPING or state.keeps_load:
         moved = _load_controlled(moved, parameters, dt_s, elongation_mm)
     elif state.drive is Drive.JOGGING:

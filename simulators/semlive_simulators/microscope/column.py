@@ -71,6 +71,7 @@ class Column:
         distortion_px: E at every scan address in x and in y, (height, width) each.
         effects: further effects.
         timing: true times at which pixels are visited.
+        is_plain_raster: whether the fast kernel can render the rows, each visited one time from left to right.
     """
 
     scan: Scan
@@ -80,20 +81,18 @@ class Column:
     distortion_px: tuple[NDArray[np.float64], NDArray[np.float64]]
     effects: EffectSet = field(default_factory=EffectSet)
     timing: Timing = field(init=False)
+    is_plain_raster: bool = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "timing", self.effects.timing(self.scan))
+        timing, dots = self.effects.timing(self.scan), isinstance(self.speckle, Speckle)
+        plain = dots and timing.plain and self.detector.bits == 8 and self.scan.spot_px == 0.0 and not self.effects.by_pixel
+        object.__setattr__(self, "timing", timing)
+        object.__setattr__(self, "is_plain_raster", plain)
 
     @property
     def duration_s(self) -> float:
         """True duration of a frame, s, but not less than the nominal duration of the scan."""
         return max(self.scan.duration_s, self.timing.end_s)
-
-    @property
-    def is_plain_raster(self) -> bool:
-        """Whether the fast kernel can render the rows, each visited one time from left to right."""
-        dots = isinstance(self.speckle, Speckle)
-        return dots and self.timing.plain and self.detector.bits == 8 and self.scan.spot_px == 0.0 and not self.effects.by_pixel
 
     @property
     def visits(self) -> int:

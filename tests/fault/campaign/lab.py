@@ -19,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 import yaml
 from stand import RtuPort, Stand, TcpPort
+from states import StatesOf
 
 from semlive.service.log.files import messages
 from semlive_simulators.exporters.image_metadata import ImageMetadata
@@ -119,7 +120,8 @@ class Run:
         return [change["cause"] for change in self.logged("/state")]
 
     def reach(self, state: str, times: int = 1) -> Self:
-        until(lambda: self.states().count(state) >= times or self.daemon.poll() is not None, f"the daemon is in {state}")
+        states = StatesOf(self.log)
+        until(lambda: states.so_far().count(state) >= times or self.daemon.poll() is not None, f"the daemon is in {state}")
         if self.states().count(state) < times:
             raise AssertionError(f"the daemon ended before {state}: {self.end()}")
         return self

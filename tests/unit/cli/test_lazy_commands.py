@@ -37,6 +37,15 @@ def test_nothing_heavy_is_imported_to_list_commands(arguments: list[str]) -> Non
     assert done.stderr.endswith("imported:"), done.stderr
 
 
+def test_a_run_imports_no_numerical_packages_into_its_own_process() -> None:
+    """The analysis has a process of its own; control started twice as fast, in less than half the memory, without them."""
+    modules = ("during_run.run", "during_run.serve", "before_run.demo", "without_run.simulate")
+    code = f"import sys, {', '.join(f'semlive.cli.{module}' for module in modules)}\n"
+    code += "sys.stdout.write(','.join(sorted({'scipy', 'numba', 'matplotlib', 'semlive.dic'} & sys.modules.keys())))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == ""
+
+
 def test_help_names_every_command_and_a_typo_is_put_right() -> None:
     printed = CliRunner().invoke(app, ["--help"]).output
     assert not [entry.name for entry in COMMANDS if f" {entry.name} " not in printed]
