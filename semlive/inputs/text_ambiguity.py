@@ -6,8 +6,17 @@ import re
 from collections.abc import Sequence
 
 from semlive.errors import BadInput
-from semlive.inputs.text_cells import is_no_name, is_remark, split
-from semlive.inputs.text_head import Rows
+from semlive.inputs.text_cells import (
+    comment_text,
+    is_decoration,
+    is_head_comment,
+    is_no_name,
+    joined_units,
+    separator_declared,
+    split,
+    states_unit,
+)
+from semlive.inputs.text_head import Rows, own_separator
 from semlive.inputs.text_layout import AmbiguousTable, Layout, miscounted
 from semlive.inputs.text_number import Sign, is_lost, is_whole, sign_of
 
@@ -16,6 +25,9 @@ DEFINITE = 10**6
 _NUMBER_AND_MORE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?\s+\S")
 _FIRST_GROUP = re.compile(r"(?:.*\s)?[+-]?[1-9][0-9]{0,2}")
 _NEXT_GROUP = re.compile(r"[0-9]{3}(?![0-9])")
+_GROUPED_BY_BLANKS = re.compile(r"[+-]?(?:[1-9][0-9]{0,2}(?: [0-9]{3})+|[0-9]+)")
+_LINES_BELOW_A_TITLE = 3
+"""So many lines of numbers with equal numbers of cells show that the text above them is a title; a torn line does not occur twice."""
 
 
 class Misfit(Exception):
@@ -35,24 +47,45 @@ def check_counts(layout: Layout, rows: Rows) -> None:
     fitting = sum(len(cells) == expected for _, cells in rows)
     for number, cells in rows:
         if len(cells) != expected:
-            error = miscounted(f"{layout.where}: line {number}", cells, expected, layout.separator, layout.head_line > 0)
+            error = miscounted(f"{layout.where}: line {number}", cells, expected, layout.separator, layout.head_line)
             raise Misfit(1000 * (1 + fitting) + expected, error)
 
 
-def check_above(lines: Sequence[str], start: int, layout: Layout) -> None:
-    """Refuse numbers without names below a line of several cells, which may be a line of names with a missing cell.
+def check_above(lines: Sequence[str], start: int, layout: Layout, rows: Rows, given: str) -> None:
+    """Refuse numbers without names below a line with another number of cells, which may be a line of names above a torn line.
+
+    Args:
+        lines: lines of the table.
+        start: place of the first line of numbers.
+        layout: layout of the numbers.
+        rows: first lines of numbers.
+        given: separator in the settings; empty if it was detected.
 
     Raises:
         Misfit: there is such a line.
     """
-    above = next((line for line in reversed(lines[:start]) if line.strip() and not is_remark(line)), "")
-    try:
-        names = split(above, layout.separator)
-    except ValueError:
-        names = []
-    if len(names) > 1:
-        error = miscounted(f"{layout.where}: line {start + 1}", ["?"] * len(layout.columns), len(names), layout.separator, True)
-        raise Misfit(1, error)
+    place = next((place for place in range(start - 1, -1, -1) if _is_text(lines[place])), None)
+    if place is None:
+        return
+    is_comment = is_head_comment(lines[place])
+    above = comment_text(lines[place]) if is_comment else lines[place]
+    for separator in dict.fromkeys((layout.separator, given or own_separator(above))):
+        try:
+            names = split(above, separator)
+        except ValueError:
+            continue
+        names = joined_units(names) if separator == " " else names
+        if len(names) in (1, len(layout.columns)):
+            continue
+        occurs = separator != " " and any(separator in lines[number - 1] for number, _ in rows)
+        is_title = (is_comment or separator != layout.separator) and not states_unit(above)
+        if is_title and len(rows) >= _LINES_BELOW_A_TITLE and not occurs:
+            continue
+        raise Misfit(1, miscounted(f"{layout.where}: line {start + 1}", ["?"] * len(layout.columns), len(names), separator, place + 1))
+
+
+def _is_text(line: str) -> bool:
+    return not is_decoration(line) and not line.startswith("***") and not separator_declared(line)
 
 
 def check_pairs(layout: Layout, rows: Rows, by_name: bool) -> None:
@@ -73,6 +106,7 @@ def check_pairs(layout: Layout, rows: Rows, by_name: bool) -> None:
         units = [is_no_name(column.raw) for column in layout.columns] + [False]
         doubtful = any(units[place + 1] for place in layout.number_places) if by_name else any(units)
         doubtful = doubtful or any(_NUMBER_AND_MORE.match(cell) for cell in cells)
+        doubtful = doubtful or (not layout.columns[-1].raw and len(cells[-1]) == 0)  # in "24,63," the second of two values may be lost
     else:
         doubtful = True
     if doubtful:
@@ -90,6 +124,8 @@ def check_groups(layout: Layout, rows: Rows) -> None:
     """
     if layout.separator not in (",", " ") or not rows:
         return
+    if layout.separator == " " and not layout.head_line:
+        _check_blanks_in_numbers(layout, rows)
     if layout.separator == "," and layout.head_line and not any(is_no_name(column.raw) for column in layout.columns):
         return
     rule = all if layout.head_line else any
@@ -99,6 +135,30 @@ def check_groups(layout: Layout, rows: Rows) -> None:
             both = " and ".join(cells[place : place + 2])
             message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and name the columns."
             raise Misfit(DEFINITE, AmbiguousTable(message))
+
+
+def _check_blanks_in_numbers(layout: Layout, rows: Rows) -> None:
+    """Refuse ``4,4 061``, which may be 4.4 and 61, or 4 and 4061, if all lines have both meanings."""
+    by_commas = [" ".join(cells).split(",") for _, cells in rows]
+    counts = {len(cells) for cells in by_commas}
+    if len(counts) == 1 and 1 not in counts and all(_GROUPED_BY_BLANKS.fullmatch(cell) for cells in by_commas for cell in cells):
+        line, cells = rows[0]
+        both = f"{' and '.join(cells)!r}, or {' and '.join(by_commas[0])!r}"
+        message = f"{layout.where}: line {line}: may mean {both}; write decimal points, and no sign between thousands."
+        raise Misfit(DEFINITE, AmbiguousTable(message))
+
+
+def check_bars(layout: Layout, rows: Rows) -> None:
+    """Refuse numbers between vertical bars, which are detected as cells between blanks.
+
+    Raises:
+        Misfit: a cell contains a bar.
+    """
+    if layout.separator == " ":
+        for line, cells in rows:
+            if any("|" in cell for cell in cells):
+                message = f"{layout.where}: line {line}: is separated by '|'; write tabs or semicolons, or specify the separator."
+                raise Misfit(DEFINITE, BadInput(message))
 
 
 def _may_be_number(cell: str) -> bool:

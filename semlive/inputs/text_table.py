@@ -12,7 +12,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from semlive.errors import BadInput
-from semlive.inputs.text_ambiguity import DEFINITE, Misfit, check_above, check_counts, check_groups, check_pairs, decimal_sign
+from semlive.inputs.text_ambiguity import (
+    DEFINITE,
+    Misfit,
+    check_above,
+    check_bars,
+    check_counts,
+    check_groups,
+    check_pairs,
+    decimal_sign,
+)
 from semlive.inputs.text_cells import (
     LONGEST_LINE,
     Column,
@@ -21,6 +30,7 @@ from semlive.inputs.text_cells import (
     encoding_of,
     is_blank,
     is_line_of_numbers,
+    is_no_line_of_names,
     is_unit,
     key_of,
     lines_of,
@@ -157,6 +167,8 @@ def _readings(
     elif start and any(is_whole(cell) or sign_of(cell) is not Sign.NONE for cell in head):
         # Below a first line that did not fit, a line that contains a number is not a line of names.
         raise Misfit(0, BadInput(f"{at}: is no line of names; write one above the numbers."))
+    elif is_no_line_of_names(head, lines[start], separator):
+        raise Misfit(0, BadInput(f"{at}: is no line of names, because it contains numbers or lost values; write one above the numbers."))
     named_from = data_from
     columns, data_from = with_units(columns_of(names or [""] * len(head), separator), lines, data_from, separator)
     if separator == "," and data_from > named_from and not all(is_unit(column.unit) for column in columns) and not _needs_names(select):
@@ -171,7 +183,9 @@ def _readings(
     layout = Layout(where, separator, given.decimal, columns, places, head_line, data_from + 1)
     check_counts(layout, rows)
     if not head_line and given.separator != " ":
-        check_above(lines, start, layout)
+        check_above(lines, start, layout, rows, given.separator)
+    if not given.separator:
+        check_bars(layout, rows)
     if not given.decimal:
         check_pairs(layout, rows, _needs_names(select))
         check_groups(layout, rows)

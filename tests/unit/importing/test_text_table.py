@@ -148,7 +148,7 @@ def test_a_description_above_the_names_is_passed_over() -> None:
 def test_text_between_names_and_numbers_leaves_a_comma_ambiguous() -> None:
     """A single column with decimal commas was read as two columns: `Kraft, s` was taken for units."""
     text = "Rate: 0,5 mm/min\nKraft, s\n9643,179\n15343,259\n"
-    with pytest.raises(AmbiguousTable, match="line 2: may hold units or names"):
+    with pytest.raises(AmbiguousTable, match="line 3: may mean .9643. and .179., or .9643,179."):
         read(text, 1, searched=200)
     assert read(text.replace("Kraft, s", "Kraft"), "Kraft", given=Convention(decimal=","), searched=200)[1] == [[9643.179], [15343.259]]
 
