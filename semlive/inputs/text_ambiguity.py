@@ -52,7 +52,9 @@ def check_counts(layout: Layout, rows: Rows) -> None:
 
 
 def check_above(lines: Sequence[str], start: int, layout: Layout, rows: Rows, given: str) -> None:
-    """Refuse numbers without names below a line with another number of cells, which may be a line of names above a torn line.
+    """Refuse numbers without names below a line of several cells, which may be a line of names above a torn line.
+
+    A line of names that did not fit, and a comment with another number of cells, are such lines.
 
     Args:
         lines: lines of the table.
@@ -75,7 +77,7 @@ def check_above(lines: Sequence[str], start: int, layout: Layout, rows: Rows, gi
         except ValueError:
             continue
         names = joined_units(names) if separator == " " else names
-        if len(names) in (1, len(layout.columns)):
+        if len(names) == 1 or (is_comment and len(names) == len(layout.columns)):
             continue
         occurs = separator != " " and any(separator in lines[number - 1] for number, _ in rows)
         is_title = (is_comment or separator != layout.separator) and not states_unit(above)

@@ -45,7 +45,7 @@ _DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _DECORATION = re.compile(r"[\W_]*")
 _BEGINS_WITH_DIGIT = re.compile(r"\W*[0-9]")
-_NUMERIC = re.compile(r"[-+0-9.,eE\s]*[0-9][-+0-9.,eE\s]*")
+_NUMERIC = re.compile(r"[-+0-9.,eEdD\s]*[0-9][-+0-9.,eEdD\s]*")
 
 
 @dataclass(frozen=True, slots=True)

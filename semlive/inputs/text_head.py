@@ -84,7 +84,7 @@ def names_above(lines: Sequence[str], start: int, separator: str, cells: int) ->
         if lines[place].strip() and not is_remark(lines[place]):
             break
         if is_head_comment(lines[place]) and not is_decoration(lines[place]):
-            names, is_head = _names_in(comment_text(lines[place]), separator, cells)
+            names, is_head = _names_in(comment_text(lines[place]), separator, cells, lines[start])
             if is_head and all(map(is_unit, names)) and any(map(is_no_name, names)):
                 above, line = names_above(lines, place, separator, cells)
                 above = above if len(above) == len(names) else [str(number) for number in range(1, len(names) + 1)]
@@ -93,15 +93,17 @@ def names_above(lines: Sequence[str], start: int, separator: str, cells: int) ->
     return [], 0
 
 
-def _names_in(text: str, separator: str, cells: int) -> tuple[list[str], bool]:
-    """Return the cells of a comment, and whether they can be names."""
+def _names_in(text: str, separator: str, cells: int, below: str) -> tuple[list[str], bool]:
+    """Return the cells of a comment above a line of so many cells, and whether they can be names."""
     barred = [name.strip() for name in text.strip("| ").split("|")]
     if len(barred) > 1 and len(barred) == cells:
         return barred, True
     try:
         if separator == " " and own_separator(text) != " ":
-            names = _before_units(text) if own_separator(text) == "," else []
-            return names, len(names) == cells
+            own = own_separator(text)
+            names = _before_units(text) if own == "," else []
+            names = names if len(names) == cells or own in below else split(text, own)  # "# x,y" above "1 2"
+            return names, len(names) == cells and (cells > 1 or own != ";")
         names = split(text, separator)
     except ValueError:
         return [], False
@@ -153,11 +155,12 @@ def number_rows(lines: Sequence[str], data_from: int, separator: str) -> Rows:
     return rows
 
 
-def without_trailing(columns: tuple[Column, ...], rows: Rows) -> tuple[Column, ...]:
+def without_trailing(columns: tuple[Column, ...], rows: Rows, separator: str) -> tuple[Column, ...]:
     """Adapt the columns to programs that end every line but the head with a separator, or only the head."""
     counts = {len(cells) for _, cells in rows}
     if counts == {len(columns) + 1} and columns[-1].raw and not any(cells[-1] for _, cells in rows):
         return (*columns, Column("", "", ""))
-    if counts == {len(columns) - 1} and len(columns) > 1 and not columns[-1].raw:
+    unused = ("", "Comment") if separator == "\t" else ("",)  # LabVIEW writes few comments
+    if counts == {len(columns) - 1} and len(columns) > 1 and columns[-1].raw in unused:
         return columns[:-1]
     return columns

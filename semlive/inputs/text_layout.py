@@ -14,7 +14,9 @@ from semlive.inputs.text_number import Sign, is_lost, is_whole, sign_of
 SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}
 """Names of separators in errors."""
 _ONE_DIGIT = re.compile(r"[+-]?[0-9]")
-_WHOLE_WITH_EXPONENT = re.compile(r"[0-9]+[eEdD][+-]?[0-9]+")
+_WHOLE_WITH_EXPONENT = re.compile(r"[0-9]+[eEdD][+-]?[0-9]+$")
+_SIGN = re.compile(r"[+-]")
+_BEGINS_WITH_DIGIT = re.compile(r"[0-9.,]")
 
 
 class AmbiguousTable(BadInput):
@@ -77,15 +79,16 @@ class Layout:
             raise BadInput(f"{place}: its quotes are broken ({error}); write it as CSV.") from error
         if len(cells) != len(self.columns):
             raise miscounted(place, cells, len(self.columns), self.separator, self.head_line)
-        if self.separator == "," and self.decimal != ".":
-            self._check_exponents(cells, place)
+        if self.separator == " " or (self.separator == "," and self.decimal != "."):
+            self._check_parts(cells, place)
         return cells
 
-    def _check_exponents(self, cells: Sequence[str], place: str) -> None:
-        """Refuse ``-2,788e+01``, which is rather a number with a decimal comma than two numbers."""
+    def _check_parts(self, cells: Sequence[str], place: str) -> None:
+        """Refuse ``-2,788e+01`` between commas and ``- 1.5`` between blanks, which are rather one number than two cells."""
+        first_part, second_part = (_ONE_DIGIT, _WHOLE_WITH_EXPONENT) if self.separator == "," else (_SIGN, _BEGINS_WITH_DIGIT)
         for first, second in itertools.pairwise(cells):
-            if _ONE_DIGIT.fullmatch(first) and _WHOLE_WITH_EXPONENT.fullmatch(second):
-                both = f"{first!r} and {second!r}, or '{first},{second}'"
+            if first_part.fullmatch(first) and second_part.match(second):
+                both = f"{first!r} and {second!r}, or '{first}{self.separator}{second}'"
                 raise AmbiguousTable(f"{place}: may mean {both}; write decimal points, or specify the decimal sign.")
 
     def after(self, cells: Sequence[str]) -> Layout:

@@ -122,6 +122,9 @@ def layout_of(lines: Sequence[str], where: str, select: ColumnSelector, given: C
         refused += here
         in_numbers = in_numbers or any(contains_numbers(lines[start], separator) for separator in SEPARATORS)
     if not refused:
+        bar = next((number for number, line in enumerate(lines, 1) if line.lstrip().startswith("|")), 0)
+        if bar:
+            raise BadInput(f"{where}: line {bar}: is separated by '|'; write tabs or semicolons.")
         raise BadInput(f"{where}: line 1: holds no header; the first line must name the columns.")
     raise max(refused, key=lambda item: item[0])[1]
 
@@ -175,7 +178,7 @@ def _readings(
         message = f"{where}: line {data_from}: may hold units or names; name the columns, or specify the separator."
         raise Misfit(DEFINITE, AmbiguousTable(message))
     rows = number_rows(lines, data_from, separator)
-    columns = without_trailing(columns, rows)
+    columns = without_trailing(columns, rows, separator)
     try:
         places = select(columns)
     except BadInput as error:
