@@ -25,7 +25,6 @@ DEFINITE = 10**6
 _NUMBER_AND_MORE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?\s+\S")
 _FIRST_GROUP = re.compile(r"(?:.*\s)?[+-]?[1-9][0-9]{0,2}")
 _NEXT_GROUP = re.compile(r"[0-9]{3}(?![0-9])")
-_GROUPED_BY_BLANKS = re.compile(r"[+-]?(?:[1-9][0-9]{0,2}(?: [0-9]{3})+|[0-9]+)")
 _LINES_BELOW_A_TITLE = 3
 """So many lines of numbers with equal numbers of cells show that the text above them is a title; a torn line does not occur twice."""
 
@@ -126,8 +125,6 @@ def check_groups(layout: Layout, rows: Rows) -> None:
     """
     if layout.separator not in (",", " ") or not rows:
         return
-    if layout.separator == " " and not layout.head_line:
-        _check_blanks_in_numbers(layout, rows)
     if layout.separator == "," and layout.head_line and not any(is_no_name(column.raw) for column in layout.columns):
         return
     rule = all if layout.head_line else any
@@ -137,17 +134,6 @@ def check_groups(layout: Layout, rows: Rows) -> None:
             both = " and ".join(cells[place : place + 2])
             message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and name the columns."
             raise Misfit(DEFINITE, AmbiguousTable(message))
-
-
-def _check_blanks_in_numbers(layout: Layout, rows: Rows) -> None:
-    """Refuse ``4,4 061``, which may be 4.4 and 61, or 4 and 4061, if all lines have both meanings."""
-    by_commas = [" ".join(cells).split(",") for _, cells in rows]
-    counts = {len(cells) for cells in by_commas}
-    if len(counts) == 1 and 1 not in counts and all(_GROUPED_BY_BLANKS.fullmatch(cell) for cells in by_commas for cell in cells):
-        line, cells = rows[0]
-        both = f"{' and '.join(cells)!r}, or {' and '.join(by_commas[0])!r}"
-        message = f"{layout.where}: line {line}: may mean {both}; write decimal points, and no sign between thousands."
-        raise Misfit(DEFINITE, AmbiguousTable(message))
 
 
 def check_bars(layout: Layout, rows: Rows) -> None:
