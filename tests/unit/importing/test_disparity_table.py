@@ -156,7 +156,7 @@ def test_noise_that_an_engine_does_not_tell_is_read_from_the_map(shared: bool) -
     smooth = np.cos(2 * np.pi * x / 1000) + 1e-5 * x * y
     noise = RNG.normal(0.0, 1.0, (128, 158))
     if shared:
-        noise = sum(noise[i : i + 120, j : j + 150] for i in range(8) for j in range(8)) / 8
+        noise = np.sum([noise[i : i + 120, j : j + 150] for i in range(8) for j in range(8)], axis=0) / 8
     found = scatter_px(smooth + 0.025 * noise[:120, :150], np.ones((120, 150), dtype=bool))
     assert found == pytest.approx(0.025, rel=0.1)
 
