@@ -89,10 +89,16 @@ def _is_text(line: str) -> bool:
     return not is_decoration(line) and not line.startswith("***") and not separator_declared(line)
 
 
-def check_pairs(layout: Layout, rows: Rows, by_name: bool) -> None:
+def check_pairs(layout: Layout, rows: Rows, by_name: bool, quoted: bool) -> None:
     """Refuse integers between commas that may be numbers with decimal commas.
 
-    Without names this is always possible; with names only if commas precede units: ``Time, s,Force, N``.
+    Without names this is always possible; with names only if commas precede units, ``Time, s,Force, N``, or end the lines: ``24,63,``.
+
+    Args:
+        layout: layout of the table.
+        rows: first lines of numbers.
+        by_name: the columns are required by their names.
+        quoted: there are quotes in these lines.
 
     Raises:
         Misfit: both meanings are possible.
@@ -107,7 +113,7 @@ def check_pairs(layout: Layout, rows: Rows, by_name: bool) -> None:
         units = [is_no_name(column.raw) for column in layout.columns] + [False]
         doubtful = any(units[place + 1] for place in layout.number_places) if by_name else any(units)
         doubtful = doubtful or any(_NUMBER_AND_MORE.match(cell) for cell in cells)
-        doubtful = doubtful or (not layout.columns[-1].raw and len(cells[-1]) == 0)  # in "24,63," the second of two values may be lost
+        doubtful = doubtful or (not quoted and not layout.columns[-1].raw and _may_lack_last_value(rows))
     else:
         doubtful = True
     if doubtful:
@@ -136,6 +142,20 @@ def check_groups(layout: Layout, rows: Rows) -> None:
             raise Misfit(DEFINITE, AmbiguousTable(message))
 
 
+def check_description(layout: Layout, rows: Rows) -> None:
+    """Refuse lines such as ``Specimen;7``, which may be a description above a table that is not written yet.
+
+    Raises:
+        Misfit: the first of two columns contains another text in each of several lines.
+    """
+    if len(layout.columns) != 2 or layout.number_places != (1,) or len(rows) < 2:
+        return
+    texts = [cells[0] for _, cells in rows]
+    if all(text[:1].isalpha() and not is_lost(text) for text in texts) and len(set(texts)) == len(texts):
+        message = f"{layout.where}: line {rows[0][0]}: may be the description of a test; name the column, or wait for lines of numbers."
+        raise Misfit(DEFINITE, AmbiguousTable(message))
+
+
 def check_bars(layout: Layout, rows: Rows) -> None:
     """Refuse numbers between vertical bars, which are detected as cells between blanks.
 
@@ -147,6 +167,13 @@ def check_bars(layout: Layout, rows: Rows) -> None:
             if any("|" in cell for cell in cells):
                 message = f"{layout.where}: line {line}: is separated by '|'; write tabs or semicolons, or specify the separator."
                 raise Misfit(DEFINITE, BadInput(message))
+
+
+def _may_lack_last_value(rows: Rows) -> bool:
+    """Whether two neighbouring cells of all lines may be one number, and the last value of all lines may be lost."""
+    if any(sign_of(cell) is not Sign.NONE for _, cells in rows for cell in cells):
+        return False
+    return any(all(is_whole(cells[place]) and cells[place + 1].isdecimal() for _, cells in rows) for place in range(len(rows[0][1]) - 1))
 
 
 def _may_be_number(cell: str) -> bool:

@@ -176,7 +176,7 @@ def is_comment(line: str) -> bool:
 
 def is_head_comment(line: str) -> bool:
     """Whether a line above the numbers is a comment, also as MATLAB (``%``), Fortran (``!``) and others mark it."""
-    return is_comment(line) or (_HEAD_COMMENT.match(line) is not None and not all(map(is_unit, line.split())))
+    return is_comment(line) or (_HEAD_COMMENT.match(line) is not None and not all(map(is_no_name, line.split())))
 
 
 def is_decoration(line: str) -> bool:

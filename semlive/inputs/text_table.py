@@ -18,6 +18,7 @@ from semlive.inputs.text_ambiguity import (
     check_above,
     check_bars,
     check_counts,
+    check_description,
     check_groups,
     check_pairs,
     decimal_sign,
@@ -187,10 +188,12 @@ def _readings(
     check_counts(layout, rows)
     if not head_line and given.separator != " ":
         check_above(lines, start, layout, rows, given.separator)
+    if not _needs_names(select):
+        check_description(layout, rows)
     if not given.separator:
         check_bars(layout, rows)
     if not given.decimal:
-        check_pairs(layout, rows, _needs_names(select))
+        check_pairs(layout, rows, _needs_names(select), any('"' in lines[number - 1] for number, _ in rows))
         check_groups(layout, rows)
     layout = replace(layout, decimal=given.decimal or decimal_sign(layout, rows, given.no_thousands))
     yield _Reading(layout, tuple(tuple(_value(cells[place], layout.decimal) for place in places) for _, cells in rows))

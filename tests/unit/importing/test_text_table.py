@@ -222,3 +222,12 @@ def test_bars_between_numbers_are_refused_by_name(text: str) -> None:
 
 def test_labview_leaves_out_empty_comments() -> None:
     assert read("X_Value\tForce\tComment\n0,0\t134,2\n0,1\t134,3\n", "Force")[1] == [[134.2], [134.3]]
+
+
+def test_a_description_without_a_table_below_it_contains_no_numbers() -> None:
+    """Its last value was read as the load until the first line of numbers was written."""
+    description = "Specimen;7\nRate;2\n"
+    with pytest.raises(AmbiguousTable, match="line 1: may be the description of a test"):
+        read(description, 2, searched=200)
+    assert read("OK;7\nOK;2\n", 2)[1] == [[7.0], [2.0]]
+    assert read("Remark;Force\nOK;7\n", "Force")[1] == [[7.0]]
