@@ -26,7 +26,7 @@ _NUMBER_AND_MORE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?\s+\S")
 _FIRST_GROUP = re.compile(r"(?:.*\s)?[+-]?[1-9][0-9]{0,2}")
 _NEXT_GROUP = re.compile(r"[0-9]{3}(?![0-9])")
 _LINES_BELOW_A_TITLE = 3
-"""So many lines of numbers with equal numbers of cells show that the text above them is a title; a torn line does not occur twice."""
+"""This many lines with equal numbers of cells show that the text above them is a title; an incomplete line does not occur twice."""
 
 
 class Misfit(Exception):
@@ -51,7 +51,7 @@ def check_counts(layout: Layout, rows: Rows) -> None:
 
 
 def check_above(lines: Sequence[str], start: int, layout: Layout, rows: Rows, given: str) -> None:
-    """Refuse numbers without names below a line of several cells, which may be a line of names above a torn line.
+    """Refuse numbers without names below a line of several cells, which may be a line of names above an incomplete line.
 
     A line of names that did not fit, and a comment with another number of cells, are such lines.
 

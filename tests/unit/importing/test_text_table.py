@@ -148,7 +148,7 @@ def test_a_description_above_the_names_is_passed_over() -> None:
 def test_text_between_names_and_numbers_leaves_a_comma_ambiguous() -> None:
     """A single column with decimal commas was read as two columns: `Kraft, s` was taken for units."""
     text = "Rate: 0,5 mm/min\nKraft, s\n9643,179\n15343,259\n"
-    with pytest.raises(AmbiguousTable, match="line 3: may mean .9643. and .179., or .9643,179."):
+    with pytest.raises(AmbiguousTable, match=r"line 3: may mean .9643. and .179., or .9643,179."):
         read(text, 1, searched=200)
     assert read(text.replace("Kraft, s", "Kraft"), "Kraft", given=Convention(decimal=","), searched=200)[1] == [[9643.179], [15343.259]]
 
@@ -215,7 +215,7 @@ def test_units_in_comments_and_without_names_are_read(head: str) -> None:
 
 @pytest.mark.parametrize("text", ["| Time | Force |\n|---|---|\n| 0.1 | 134.2 |\n", "0.1 | 134.2\n0.2 | 134.3\n"])
 def test_bars_between_numbers_are_refused_by_name(text: str) -> None:
-    with pytest.raises(BadInput, match="is separated by '|'"):
+    with pytest.raises(BadInput, match=r"is separated by '\|'"):
         read(text, 2)
     assert read("Time|Force\n0.1|134.2\n", "Force", given=Convention(separator="|"))[1] == [[134.2]]
 
