@@ -6,8 +6,17 @@ import re
 from collections.abc import Sequence
 
 from semlive.errors import BadInput
-from semlive.inputs.text_cells import is_no_name, is_remark, split
-from semlive.inputs.text_head import Rows
+from semlive.inputs.text_cells import (
+    comment_text,
+    is_decoration,
+    is_head_comment,
+    is_no_name,
+    joined_units,
+    separator_declared,
+    split,
+    states_unit,
+)
+from semlive.inputs.text_head import Rows, own_separator
 from semlive.inputs.text_layout import AmbiguousTable, Layout, miscounted
 from semlive.inputs.text_number import Sign, is_lost, is_whole, sign_of
 
@@ -16,6 +25,8 @@ DEFINITE = 10**6
 _NUMBER_AND_MORE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?\s+\S")
 _FIRST_GROUP = re.compile(r"(?:.*\s)?[+-]?[1-9][0-9]{0,2}")
 _NEXT_GROUP = re.compile(r"[0-9]{3}(?![0-9])")
+_LINES_BELOW_A_TITLE = 3
+"""This many lines with equal numbers of cells show that the text above them is a title; an incomplete line does not occur twice."""
 
 
 class Misfit(Exception):
@@ -35,30 +46,59 @@ def check_counts(layout: Layout, rows: Rows) -> None:
     fitting = sum(len(cells) == expected for _, cells in rows)
     for number, cells in rows:
         if len(cells) != expected:
-            error = miscounted(f"{layout.where}: line {number}", cells, expected, layout.separator, layout.head_line > 0)
+            error = miscounted(f"{layout.where}: line {number}", cells, expected, layout.separator, layout.head_line)
             raise Misfit(1000 * (1 + fitting) + expected, error)
 
 
-def check_above(lines: Sequence[str], start: int, layout: Layout) -> None:
-    """Refuse numbers without names below a line of several cells, which may be a line of names with a missing cell.
+def check_above(lines: Sequence[str], start: int, layout: Layout, rows: Rows, given: str) -> None:
+    """Refuse numbers without names below a line of several cells, which may be a line of names above an incomplete line.
+
+    A line of names that did not fit, and a comment with another number of cells, are such lines.
+
+    Args:
+        lines: lines of the table.
+        start: place of the first line of numbers.
+        layout: layout of the numbers.
+        rows: first lines of numbers.
+        given: separator in the settings; empty if it was detected.
 
     Raises:
         Misfit: there is such a line.
     """
-    above = next((line for line in reversed(lines[:start]) if line.strip() and not is_remark(line)), "")
-    try:
-        names = split(above, layout.separator)
-    except ValueError:
-        names = []
-    if len(names) > 1:
-        error = miscounted(f"{layout.where}: line {start + 1}", ["?"] * len(layout.columns), len(names), layout.separator, True)
-        raise Misfit(1, error)
+    place = next((place for place in range(start - 1, -1, -1) if _is_text(lines[place])), None)
+    if place is None:
+        return
+    is_comment = is_head_comment(lines[place])
+    above = comment_text(lines[place]) if is_comment else lines[place]
+    for separator in dict.fromkeys((layout.separator, given or own_separator(above))):
+        try:
+            names = split(above, separator)
+        except ValueError:
+            continue
+        names = joined_units(names) if separator == " " else names
+        if len(names) == 1 or (is_comment and len(names) == len(layout.columns)):
+            continue
+        occurs = separator != " " and any(separator in lines[number - 1] for number, _ in rows)
+        is_title = (is_comment or separator != layout.separator) and not states_unit(above)
+        if is_title and len(rows) >= _LINES_BELOW_A_TITLE and not occurs:
+            continue
+        raise Misfit(1, miscounted(f"{layout.where}: line {start + 1}", ["?"] * len(layout.columns), len(names), separator, place + 1))
 
 
-def check_pairs(layout: Layout, rows: Rows, by_name: bool) -> None:
+def _is_text(line: str) -> bool:
+    return not is_decoration(line) and not line.startswith("***") and not separator_declared(line)
+
+
+def check_pairs(layout: Layout, rows: Rows, by_name: bool, quoted: bool) -> None:
     """Refuse integers between commas that may be numbers with decimal commas.
 
-    Without names this is always possible; with names only if commas precede units: ``Time, s,Force, N``.
+    Without names this is always possible; with names only if commas precede units, ``Time, s,Force, N``, or end the lines: ``24,63,``.
+
+    Args:
+        layout: layout of the table.
+        rows: first lines of numbers.
+        by_name: the columns are required by their names.
+        quoted: there are quotes in these lines.
 
     Raises:
         Misfit: both meanings are possible.
@@ -73,6 +113,7 @@ def check_pairs(layout: Layout, rows: Rows, by_name: bool) -> None:
         units = [is_no_name(column.raw) for column in layout.columns] + [False]
         doubtful = any(units[place + 1] for place in layout.number_places) if by_name else any(units)
         doubtful = doubtful or any(_NUMBER_AND_MORE.match(cell) for cell in cells)
+        doubtful = doubtful or (not quoted and not layout.columns[-1].raw and _may_lack_last_value(rows))
     else:
         doubtful = True
     if doubtful:
@@ -99,6 +140,40 @@ def check_groups(layout: Layout, rows: Rows) -> None:
             both = " and ".join(cells[place : place + 2])
             message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and name the columns."
             raise Misfit(DEFINITE, AmbiguousTable(message))
+
+
+def check_description(layout: Layout, rows: Rows) -> None:
+    """Refuse lines such as ``Specimen;7``, which may be a description above a table that is not written yet.
+
+    Raises:
+        Misfit: the first of two columns contains another text in each of several lines.
+    """
+    if len(layout.columns) != 2 or layout.number_places != (1,) or len(rows) < 2:
+        return
+    texts = [cells[0] for _, cells in rows]
+    if all(text[:1].isalpha() and not is_lost(text) for text in texts) and len(set(texts)) == len(texts):
+        message = f"{layout.where}: line {rows[0][0]}: may be the description of a test; name the column, or wait for lines of numbers."
+        raise Misfit(DEFINITE, AmbiguousTable(message))
+
+
+def check_bars(layout: Layout, rows: Rows) -> None:
+    """Refuse numbers between vertical bars, which are detected as cells between blanks.
+
+    Raises:
+        Misfit: a cell contains a bar.
+    """
+    if layout.separator == " ":
+        for line, cells in rows:
+            if any("|" in cell for cell in cells):
+                message = f"{layout.where}: line {line}: is separated by '|'; write tabs or semicolons, or specify the separator."
+                raise Misfit(DEFINITE, BadInput(message))
+
+
+def _may_lack_last_value(rows: Rows) -> bool:
+    """Whether two neighbouring cells of all lines may be one number, and the last value of all lines may be lost."""
+    if any(sign_of(cell) is not Sign.NONE for _, cells in rows for cell in cells):
+        return False
+    return any(all(is_whole(cells[place]) and cells[place + 1].isdecimal() for _, cells in rows) for place in range(len(rows[0][1]) - 1))
 
 
 def _may_be_number(cell: str) -> bool:

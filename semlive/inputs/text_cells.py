@@ -34,10 +34,18 @@ ustrain 1 - px pixel pixels pix
 mpa gpa pa °c c deg ° mm/s um/s µm/s n/s mm/min n/min
 """
 _UNITS = frozenset(_UNIT_WORDS.split())
+_STATED_UNIT = re.compile(r"[\[(,/_]\s*([^\s\[(),;/_\]]+)(?=[\s\]),;]|$)")
+_UNITS_OF_READINGS = frozenset(("n", "kn", "mn", "µn", "un", "nn", "dan", "kgf", "lbf", "kg", "um", "µm", "μm", "mm", "nm", "%", "ustrain"))
+"""Units that state what a column without another name contains."""
 _NAMES_AS_WELL = frozenset(("t", "v", "c", "h"))
 _COMMENT = re.compile(r"\s*#(?!n/?a|nv|wert|value|div|ref|name|num|zahl)", re.IGNORECASE)
+_HEAD_COMMENT = re.compile(r"\s*(?:%(?!\s*(?:[;,\t\])]|$))|!|\||//)")
+"""Other signs of comments, which are accepted above the numbers only; ``%;N`` is a line of units."""
+_DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
+_QUOTED = re.compile(r'"(?:[^"]|"")*"')
+_DECORATION = re.compile(r"[\W_]*")
 _BEGINS_WITH_DIGIT = re.compile(r"\W*[0-9]")
-_NUMERIC = re.compile(r"[-+0-9.,eE\s]*[0-9][-+0-9.,eE\s]*")
+_NUMERIC = re.compile(r"[-+0-9.,eEdD\s]*[0-9][-+0-9.,eEdD\s]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +161,7 @@ def separator_declared(line: str) -> str:
 
 def is_remark(line: str) -> bool:
     """Whether a line above the names does not belong to the table: a comment, or a ``sep=`` line."""
-    return line.startswith("***") or is_comment(line) or separator_declared(line) != ""
+    return line.startswith("***") or is_head_comment(line) or separator_declared(line) != ""
 
 
 def is_blank(line: str) -> bool:
@@ -166,9 +174,29 @@ def is_comment(line: str) -> bool:
     return _COMMENT.match(line) is not None
 
 
+def is_head_comment(line: str) -> bool:
+    """Whether a line above the numbers is a comment, also as MATLAB (``%``), Fortran (``!``) and others mark it."""
+    return is_comment(line) or (_HEAD_COMMENT.match(line) is not None and not all(map(is_no_name, line.split())))
+
+
+def is_decoration(line: str) -> bool:
+    """Whether a line contains neither letters nor digits."""
+    return _DECORATION.fullmatch(line) is not None
+
+
+def comment_text(line: str) -> str:
+    """Return a comment without its sign."""
+    return line.strip().lstrip("#%!/").strip()
+
+
 def is_unit(cell: str) -> bool:
     """Whether a cell is a unit without a name."""
     return cell.strip("[]() ").casefold() in _UNITS
+
+
+def states_unit(line: str) -> bool:
+    """Whether a line contains a unit of force, length or strain in brackets or after a slash, a comma or an underscore."""
+    return any(match[1].casefold() in _UNITS_OF_READINGS for match in _STATED_UNIT.finditer(line))
 
 
 def is_no_name(cell: str) -> bool:
@@ -191,16 +219,25 @@ def is_line_of_numbers(cells: Sequence[str]) -> bool:
     return numeric > 0 and len(filled) <= 2 * (numeric + sum(is_lost(cell) for cell in filled))
 
 
+def is_no_line_of_names(cells: Sequence[str], line: str, separator: str) -> bool:
+    """Whether a line contains a mark of lost values, as a line of numbers does, or a decimal comma between commas, as a title does."""
+    if any(is_lost(cell) and any(map(str.isalpha, cell)) for cell in cells):
+        return True
+    return separator == "," and _DECIMAL_COMMA.search(_QUOTED.sub("", line)) is not None
+
+
 def columns_of(names: Sequence[str], separator: str) -> tuple[Column, ...]:
     """Return the columns of a line of names."""
-    return tuple(_column(name) for name in (_joined_units(names) if separator == " " else names))
+    return tuple(_column(name) for name in (joined_units(names) if separator == " " else names))
 
 
-def _joined_units(names: Sequence[str]) -> list[str]:
-    """Join names and units such as ``Force (N)`` and ``Force / N`` in a line that is split at blanks."""
+def joined_units(names: Sequence[str]) -> list[str]:
+    """Join names and units such as ``Force (N)``, ``Force / N`` and ``Force, N`` in a line that is split at blanks."""
     joined: list[str] = []
     for name in names:
-        if joined and (re.fullmatch(r"[\[(].*[\])]|/", name) or joined[-1].endswith(" /")):
+        if joined and (
+            re.fullmatch(r"[\[(].*[\])]|/", name) or joined[-1].endswith(" /") or (joined[-1].endswith(",") and is_no_name(name))
+        ):
             joined[-1] += f" {name}"
         else:
             joined.append(name)
@@ -209,6 +246,8 @@ def _joined_units(names: Sequence[str]) -> list[str]:
 
 def _column(raw: str) -> Column:
     plain = unicodedata.normalize("NFKC", raw)  # brackets of Chinese and Japanese texts
+    if plain.strip("[]() ").casefold() in _UNITS_OF_READINGS:
+        return Column(raw, raw, plain.strip("[]() "))
     for pattern in (_BRACKET, _SLASH, _AFTER_COMMA, _FINAL_UNIT):
         match = pattern.fullmatch(plain)
         if match is not None and match[1] and (pattern is not _AFTER_COMMA or is_unit(match[2])):

@@ -9,12 +9,16 @@ from dataclasses import replace
 from semlive.inputs.text_cells import (
     LONGEST_LINE,
     Column,
-    columns_of,
+    comment_text,
     is_blank,
-    is_comment,
+    is_decoration,
+    is_head_comment,
     is_line_of_numbers,
     is_line_of_units,
+    is_no_name,
     is_remark,
+    is_unit,
+    joined_units,
     split,
 )
 
@@ -27,6 +31,12 @@ Rows = list[tuple[int, list[str]]]
 _GROUPED = re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*")
 """A number with groups of three digits and a decimal comma, which is refused by name."""
 _NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]|\{[^}]*\}')
+
+
+def own_separator(line: str) -> str:
+    """Return the separator of a line by itself: the first of tab, semicolon and comma outside quotes and brackets, or else blanks."""
+    unquoted = _NOT_QUOTED.sub("", line.strip(" \r"))
+    return next((sign for sign in SEPARATORS[:-1] if sign in unquoted), " ")
 
 
 def contains_numbers(line: str, separator: str) -> bool:
@@ -55,30 +65,62 @@ def is_possible_separator(separator: str, line: str) -> bool:
     """
     unquoted = _NOT_QUOTED.sub("", line.strip(" \r"))
     if separator != " ":
-        return next((sign for sign in SEPARATORS[:-1] if sign in unquoted), "") == separator
+        return own_separator(line) == separator
     if any(sign in unquoted for sign in "\t;"):
         return False
     cells = split(unquoted, " ")
     # In "92.90,477 171.76" the comma separates, and a blank groups digits.
-    plain = not any(cell.endswith(",") or ("," in cell and "." in cell and not _GROUPED.fullmatch(cell)) for cell in cells)
+    plain = not any(cell.endswith(",") or cell.count(",") > 1 or ("," in cell and "." in cell and not _GROUPED.fullmatch(cell))
+                    for cell in cells)  # fmt: skip
     return "," not in unquoted or (is_line_of_numbers(cells) and plain)
 
 
 def names_above(lines: Sequence[str], start: int, separator: str, cells: int) -> tuple[list[str], int]:
-    """Return the names in the comment above the numbers and its line number; no names and 0 if it is not a line of names."""
+    """Return the names in the comment above the numbers and its line number; no names and 0 if it is not a line of names.
+
+    A comment of units is joined with the names in the comment above it.
+    """
     for place in range(start - 1, -1, -1):
         if lines[place].strip() and not is_remark(lines[place]):
             break
-        if is_comment(lines[place]):
-            line = lines[place].strip().lstrip("#").strip()
-            try:
-                names = split(line, separator)
-            except ValueError:
-                return [], 0
-            # A title contains blanks, too.
-            is_head = len(columns_of(names, separator)) == cells or (len(names) > 1 and (separator != " " or '"' in line))
+        if is_head_comment(lines[place]) and not is_decoration(lines[place]):
+            names, is_head = _names_in(comment_text(lines[place]), separator, cells, lines[start])
+            if is_head and all(map(is_unit, names)) and any(map(is_no_name, names)):
+                above, line = names_above(lines, place, separator, cells)
+                above = above if len(above) == len(names) else [str(number) for number in range(1, len(names) + 1)]
+                return [f"{name} ({unit})" for name, unit in zip(above, names, strict=True)], line or place + 1
             return (names, place + 1) if is_head else ([], 0)
     return [], 0
+
+
+def _names_in(text: str, separator: str, cells: int, below: str) -> tuple[list[str], bool]:
+    """Return the cells of a comment above a line of so many cells, and whether they can be names."""
+    barred = [name.strip() for name in text.strip("| ").split("|")]
+    if len(barred) > 1 and len(barred) == cells:
+        return barred, True
+    try:
+        if separator == " " and own_separator(text) != " ":
+            own = own_separator(text)
+            names = _before_units(text) if own == "," else []
+            names = names if len(names) == cells or own in below else split(text, own)  # "# x,y" above "1 2"
+            return names, len(names) == cells and (cells > 1 or own != ";")
+        names = split(text, separator)
+    except ValueError:
+        return [], False
+    joined = joined_units(names) if separator == " " else names
+    # A title contains blanks, too.
+    return joined, len(joined) == cells or (len(names) > 1 and (separator != " " or '"' in text))
+
+
+def _before_units(text: str) -> list[str]:
+    """Return the names of ``Time, s, Force, kN`` or ``Time, s Force, kN`` with their units; empty if a comma precedes something else."""
+    names = joined_units(split(text, " "))
+    if all("," not in name or is_no_name(name.rpartition(", ")[2]) for name in names):
+        return names
+    cells = split(text, ",")
+    pairs = list(zip(cells[::2], cells[1::2], strict=False))
+    complete = len(cells) % 2 == 0 and all(is_no_name(unit) and not is_no_name(name) for name, unit in pairs)
+    return [f"{name}, {unit}" for name, unit in pairs] if complete else []
 
 
 def with_units(columns: tuple[Column, ...], lines: Sequence[str], data_from: int, separator: str) -> tuple[tuple[Column, ...], int]:
@@ -113,11 +155,12 @@ def number_rows(lines: Sequence[str], data_from: int, separator: str) -> Rows:
     return rows
 
 
-def without_trailing(columns: tuple[Column, ...], rows: Rows) -> tuple[Column, ...]:
+def without_trailing(columns: tuple[Column, ...], rows: Rows, separator: str) -> tuple[Column, ...]:
     """Adapt the columns to programs that end every line but the head with a separator, or only the head."""
     counts = {len(cells) for _, cells in rows}
-    if counts == {len(columns) + 1} and not any(cells[-1] for _, cells in rows):
+    if counts == {len(columns) + 1} and columns[-1].raw and not any(cells[-1] for _, cells in rows):
         return (*columns, Column("", "", ""))
-    if counts == {len(columns) - 1} and len(columns) > 1 and not columns[-1].raw:
+    unused = ("", "Comment") if separator == "\t" else ("",)  # LabVIEW writes few comments
+    if counts == {len(columns) - 1} and len(columns) > 1 and columns[-1].raw in unused:
         return columns[:-1]
     return columns

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -11,6 +13,10 @@ from semlive.inputs.text_number import Sign, is_lost, is_whole, sign_of
 
 SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}
 """Names of separators in errors."""
+_ONE_DIGIT = re.compile(r"[+-]?[0-9]")
+_WHOLE_WITH_EXPONENT = re.compile(r"[0-9]+[eEdD][+-]?[0-9]+$")
+_SIGN = re.compile(r"[+-]")
+_BEGINS_WITH_DIGIT = re.compile(r"[0-9.,]")
 
 
 class AmbiguousTable(BadInput):
@@ -72,8 +78,18 @@ class Layout:
         except ValueError as error:
             raise BadInput(f"{place}: its quotes are broken ({error}); write it as CSV.") from error
         if len(cells) != len(self.columns):
-            raise miscounted(place, cells, len(self.columns), self.separator, self.head_line > 0)
+            raise miscounted(place, cells, len(self.columns), self.separator, self.head_line)
+        if self.separator == " " or (self.separator == "," and self.decimal != "."):
+            self._check_parts(cells, place)
         return cells
+
+    def _check_parts(self, cells: Sequence[str], place: str) -> None:
+        """Refuse ``-2,788e+01`` between commas and ``- 1.5`` between blanks, which are rather one number than two cells."""
+        first_part, second_part = (_ONE_DIGIT, _WHOLE_WITH_EXPONENT) if self.separator == "," else (_SIGN, _BEGINS_WITH_DIGIT)
+        for first, second in itertools.pairwise(cells):
+            if first_part.fullmatch(first) and second_part.match(second):
+                both = f"{first!r} and {second!r}, or '{first}{self.separator}{second}'"
+                raise AmbiguousTable(f"{place}: may mean {both}; write decimal points, or specify the decimal sign.")
 
     def after(self, cells: Sequence[str]) -> Layout:
         """Return the layout with the decimal sign if the required cells of a line are the first to contain it."""
@@ -84,7 +100,7 @@ class Layout:
         return replace(self, decimal=shown[0]) if len(shown) == 1 else self
 
 
-def miscounted(place: str, cells: Sequence[str], expected: int, separator: str, named: bool) -> BadInput:
+def miscounted(place: str, cells: Sequence[str], expected: int, separator: str, named: int) -> BadInput:
     """Return the error for a line with another number of cells than the head, with a possible cause.
 
     Args:
@@ -92,7 +108,7 @@ def miscounted(place: str, cells: Sequence[str], expected: int, separator: str, 
         cells: cells of the line; empty if its quotes are broken.
         expected: number of cells.
         separator: between cells.
-        named: the head is a line of names.
+        named: number of the line of names; 0 without.
     """
     if not cells:
         return BadInput(f"{place}: its quotes are broken; write it as CSV.")

@@ -12,7 +12,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from semlive.errors import BadInput
-from semlive.inputs.text_ambiguity import DEFINITE, Misfit, check_above, check_counts, check_groups, check_pairs, decimal_sign
+from semlive.inputs.text_ambiguity import (
+    DEFINITE,
+    Misfit,
+    check_above,
+    check_bars,
+    check_counts,
+    check_description,
+    check_groups,
+    check_pairs,
+    decimal_sign,
+)
 from semlive.inputs.text_cells import (
     LONGEST_LINE,
     Column,
@@ -21,6 +31,7 @@ from semlive.inputs.text_cells import (
     encoding_of,
     is_blank,
     is_line_of_numbers,
+    is_no_line_of_names,
     is_unit,
     key_of,
     lines_of,
@@ -112,6 +123,9 @@ def layout_of(lines: Sequence[str], where: str, select: ColumnSelector, given: C
         refused += here
         in_numbers = in_numbers or any(contains_numbers(lines[start], separator) for separator in SEPARATORS)
     if not refused:
+        bar = next((number for number, line in enumerate(lines, 1) if line.lstrip().startswith("|")), 0)
+        if bar:
+            raise BadInput(f"{where}: line {bar}: is separated by '|'; write tabs or semicolons.")
         raise BadInput(f"{where}: line 1: holds no header; the first line must name the columns.")
     raise max(refused, key=lambda item: item[0])[1]
 
@@ -157,13 +171,15 @@ def _readings(
     elif start and any(is_whole(cell) or sign_of(cell) is not Sign.NONE for cell in head):
         # Below a first line that did not fit, a line that contains a number is not a line of names.
         raise Misfit(0, BadInput(f"{at}: is no line of names; write one above the numbers."))
+    elif is_no_line_of_names(head, lines[start], separator):
+        raise Misfit(0, BadInput(f"{at}: is no line of names, because it contains numbers or lost values; write one above the numbers."))
     named_from = data_from
     columns, data_from = with_units(columns_of(names or [""] * len(head), separator), lines, data_from, separator)
     if separator == "," and data_from > named_from and not all(is_unit(column.unit) for column in columns) and not _needs_names(select):
         message = f"{where}: line {data_from}: may hold units or names; name the columns, or specify the separator."
         raise Misfit(DEFINITE, AmbiguousTable(message))
     rows = number_rows(lines, data_from, separator)
-    columns = without_trailing(columns, rows)
+    columns = without_trailing(columns, rows, separator)
     try:
         places = select(columns)
     except BadInput as error:
@@ -171,9 +187,13 @@ def _readings(
     layout = Layout(where, separator, given.decimal, columns, places, head_line, data_from + 1)
     check_counts(layout, rows)
     if not head_line and given.separator != " ":
-        check_above(lines, start, layout)
+        check_above(lines, start, layout, rows, given.separator)
+    if not _needs_names(select):
+        check_description(layout, rows)
+    if not given.separator:
+        check_bars(layout, rows)
     if not given.decimal:
-        check_pairs(layout, rows, _needs_names(select))
+        check_pairs(layout, rows, _needs_names(select), any('"' in lines[number - 1] for number, _ in rows))
         check_groups(layout, rows)
     layout = replace(layout, decimal=given.decimal or decimal_sign(layout, rows, given.no_thousands))
     yield _Reading(layout, tuple(tuple(_value(cells[place], layout.decimal) for place in places) for _, cells in rows))

@@ -36,6 +36,7 @@ UNITS = ("s", "N", "kN", "mm", "um", "%", "px", "MPa")
 LOST = ("", "nan", "NaN", "-nan(ind)", "#N/A", "--", "1.#QNAN")
 WORDS = ("OK", "running", "26.11.2026", "12:03:44", "7", "ramp up", "hold, step 2", "A;B", "2026-11-26 12:03")
 PLAIN_WORDS = 5
+COMMENTS = ("#", "#", "%", "!")
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,7 @@ def _head(names: Sequence[str], units: Sequence[str], text_at: int | None, style
     if style.head == "none":
         return []
     if style.head == "comment":
-        return ["# " + lines[0]]
+        return [f"{random.Random(lines[0]).choice(COMMENTS)} {lines[0]}"]
     if style.head == "told":
         return [f"sep={style.separator[0]}", *lines]
     if style.head == "preamble":
@@ -312,7 +313,7 @@ def written_map(seed: int) -> Written:
         truth.append(None if torn else (float(x), float(y), *(value for _, value in pair)))
     head = [style.separator.join(quoted(name, style) for name in names)]
     if style.head == "comment":
-        head[0] = "# " + head[0]
+        head[0] = f"{random.Random(head[0] + style.encoding).choice(COMMENTS)} {head[0]}"
     elif style.head == "told":
         head.insert(0, f"sep={style.separator[0]}")
     elif style.head == "none":

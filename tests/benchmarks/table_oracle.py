@@ -17,6 +17,7 @@ SEPARATORS = ("\t", ";", ",", " ")
 CONVENTIONS = tuple((decimal, thousands) for decimal in ".," for thousands in ("", "'", " ", ".", ",") if thousands != decimal)
 LOST = ("", "nan", "-nan", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind", "1,#qnan", "#n/a", "#nv", "n/a", "null", "--", "-")
 MAX_HEAD_LINES = 4
+COMMENTS = ("#", "%", "!")
 
 
 def decoded(data: bytes) -> str:
@@ -90,7 +91,7 @@ def readings(data: bytes, wanted: Sequence[str | int], head_lines: int = MAX_HEA
     found: set[Reading] = set()
     for separator in SEPARATORS:
         split = [
-            None if not line.strip(" \t;,") else cells_of(line.lstrip("#").strip(" ") if line[:1] == "#" else line, separator)
+            None if not line.strip(" \t;,") else cells_of(line.lstrip("#%!").strip(" ") if line[:1] in COMMENTS else line, separator)
             for line in lines
         ]
         for start in range(-1, min(head_lines, len(lines))):
@@ -98,9 +99,10 @@ def readings(data: bytes, wanted: Sequence[str | int], head_lines: int = MAX_HEA
                 for decimal, thousands in conventions:
                     if thousands == separator or (decimal == separator and '"' not in text):
                         continue
-                    reading = _reading(lines, split, start, places, width, decimal, thousands)
-                    if reading:
-                        found.add(reading)
+                    for with_units in (False, True):
+                        reading = _reading(lines, split, start, places, width, decimal, thousands, with_units)
+                        if reading:
+                            found.add(reading)
     return found
 
 
@@ -115,7 +117,11 @@ def _heads(
     names = split[start]
     if names is None:
         return
-    bare = [name for place, name in enumerate(names) if name[:1] not in ("(", "[", "/") and names[place - 1 : place] != ["/"]]
+    bare = [
+        name
+        for place, name in enumerate(names)
+        if name[:1] not in ("(", "[", "/") and not (place and (names[place - 1] == "/" or names[place - 1][-1:] == ","))
+    ]
     if all(isinstance(name, int) for name in wanted):
         yield from ((tuple(int(name) - 1 for name in wanted), width) for width in {len(names), len(bare)})
         return
@@ -133,16 +139,27 @@ def _key(name: str) -> str:
 
 
 def _reading(
-    lines: Sequence[str], split: Sequence[list[str] | None], start: int, places: tuple[int, ...], width: int, decimal: str, thousands: str
+    lines: Sequence[str],
+    split: Sequence[list[str] | None],
+    start: int,
+    places: tuple[int, ...],
+    width: int,
+    decimal: str,
+    thousands: str,
+    with_units: bool,
 ) -> Reading | None:
+    """Return the values below a line of names; `with_units`, the first line that is not blank and has no digit contains units."""
     rows: list[tuple[int, Row]] = []
     for number, (line, cells) in enumerate(zip(lines[start + 1 :], split[start + 1 :], strict=True), start + 2):
-        if not line.strip(" \t;,") or (line[:1] == "#" and line[1:4].lower() != "n/a"):
+        if not line.strip(" \t;,") or (line[:1] in COMMENTS and line[:4].lower() != "#n/a" and not (with_units and line[:1] == "%")):
             continue
         if cells is None:
             return None
-        if not rows and number <= start + 4 and not any(character.isdecimal() for character in line) and not _is_lost(cells):
-            continue  # a line of units
+        if with_units:
+            if any(character.isdecimal() for character in line):
+                return None  # the reading without units
+            with_units = False
+            continue
         trimmed = cells[:-1] if len(cells) == width + 1 and not cells[-1] else cells
         width = width or len(trimmed)
         if len(trimmed) != width or max(places) >= width:
@@ -152,7 +169,3 @@ def _reading(
             return None
         rows.append((number, tuple(value for _, value in values)))
     return tuple(rows)
-
-
-def _is_lost(cells: Sequence[str]) -> bool:
-    return any(cell and cell.lower() in LOST for cell in cells)

@@ -292,6 +292,8 @@ def _parse_uniform_lines(body: list[str], layout: Layout, at: dict[str, int], ki
     counts = {len(line.split()) for line in body} if separator == " " else {line.count(separator) + 1 for line in body}
     if counts != {len(layout.columns)} or any(map(is_blank, body)):
         return None
+    if separator == "," and layout.decimal != "." and "e" in text.casefold():
+        return None  # 1,2e+01 may be one number
     if separator != "," and "," in text and (layout.decimal != "," or "." in text):
         return None
     if "." in text and not layout.decimal:

@@ -156,7 +156,7 @@ def test_noise_that_an_engine_does_not_tell_is_read_from_the_map(shared: bool) -
     smooth = np.cos(2 * np.pi * x / 1000) + 1e-5 * x * y
     noise = RNG.normal(0.0, 1.0, (128, 158))
     if shared:
-        noise = sum(noise[i : i + 120, j : j + 150] for i in range(8) for j in range(8)) / 8
+        noise = np.sum([noise[i : i + 120, j : j + 150] for i in range(8) for j in range(8)], axis=0) / 8
     found = scatter_px(smooth + 0.025 * noise[:120, :150], np.ones((120, 150), dtype=bool))
     assert found == pytest.approx(0.025, rel=0.1)
 
@@ -221,3 +221,16 @@ def test_a_blank_line_below_the_names_does_not_shift_the_lines() -> None:
     lines = text("x,y,u,v", PLACES, skip=True).decode().splitlines()
     table = read_disparity_table("\n".join([lines[0], "", *lines[1:]]).encode(), "a")
     assert str(table.error(0, 0, "is wrong", "correct it")).startswith("a: line 3, ")
+
+
+def test_a_lost_cell_and_a_decimal_comma_make_no_displacement() -> None:
+    """-27.88 px without the other displacement was read as -2 and 7880 px."""
+    with pytest.raises(BadInput, match=r"line 3: may mean '-2' and '788e\+01', or '-2,788e\+01'"):
+        read_disparity_table(b"X,Y,u_ref,v_ref\n628,66,0,-21\n633,66,-2,788e+01\n", "map")
+    assert read_disparity_table(b"X,Y,u_ref,v_ref\n628,66,0.5,-21\n633,66,2,7e-01\n", "map").v_px.tolist() == [-21.0, 0.7]
+
+
+@pytest.mark.parametrize("head", ["% x y u v", "! x, y, u, v", "# x | y | u | v", "# x;y;u;v"])
+def test_names_in_comments_of_other_programs(head: str) -> None:
+    table = read_disparity_table(f"{head}\n10 20 0.5 -0.25\n20 20 0.5 -0.25\n".encode(), "map")
+    assert (table.x_px.tolist(), table.v_px.tolist()) == ([10.0, 20.0], [-0.25, -0.25])

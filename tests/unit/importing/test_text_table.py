@@ -148,7 +148,7 @@ def test_a_description_above_the_names_is_passed_over() -> None:
 def test_text_between_names_and_numbers_leaves_a_comma_ambiguous() -> None:
     """A single column with decimal commas was read as two columns: `Kraft, s` was taken for units."""
     text = "Rate: 0,5 mm/min\nKraft, s\n9643,179\n15343,259\n"
-    with pytest.raises(AmbiguousTable, match="line 2: may hold units or names"):
+    with pytest.raises(AmbiguousTable, match=r"line 3: may mean .9643. and .179., or .9643,179."):
         read(text, 1, searched=200)
     assert read(text.replace("Kraft, s", "Kraft"), "Kraft", given=Convention(decimal=","), searched=200)[1] == [[9643.179], [15343.259]]
 
@@ -156,3 +156,78 @@ def test_text_between_names_and_numbers_leaves_a_comma_ambiguous() -> None:
 def test_a_blank_that_groups_digits_is_no_separator() -> None:
     layout = layout_of(["92.90,477 171.76", "-10.76,220 719.79"], "load.txt", lambda _: (1,))
     assert (layout.separator, layout.decimal) == (",", ".")
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted", "message"),
+    [
+        # A text and a lost value are no names, and an empty cell of them gets no further empty cell.
+        ("running,-nan(ind),\nrunning,-6,462e-02,\n", 2, "has 4 cells under 3"),
+        ("running,,\nrunning,-6,462e-02,\n", 2, "has 4 cells under 3"),
+        # A decimal comma in a title is no separator of names; the line below is a name and its unit.
+        ("Rate: 0,5 mm/min\nv, px\n1302,10430\n", 1, "may mean '1302' and '10430', or '1302,10430'"),
+        # A torn line below names that are separated otherwise is no single column.
+        ('Tensile test 7\nx_1,Force,Ext\n"799,23"\n', 1, "1 cells under 3"),
+        ("# Ext,Time\n-2620,265843\n-586,121983\n2676\n", 1, "has 1 cells under 2"),
+        ("# Ext / s;x_1 / kN;Strain / %\n0\n", 1, "1 cells under 3"),
+        # Two commas in a number between blanks are separators.
+        ("14,49904,820,67544,4 061,01168\n24,56847,341,347,3 716,0144\n", 2, "may mean"),
+        ("4,4 061\n-3,2 116\n", 2, "may mean '4' and '4 061', or '4,4 061'"),
+        # The second value of a line with decimal commas may be lost.
+        ("u / px,Weg / mm\n24,63,\n", "u", "may mean '24' and '63', or '24,63'"),
+        # A sign apart from its number is no lost value.
+        ("0 - 1.5\n1 - 2.5\n", 3, "may mean '-' and '1.5', or '- 1.5'"),
+        ("Time,Force\n1,-2,788e+01\n", "Force", "has 3 cells"),
+        ("Time,Force\n-2,788e+01\n", "Force", "may mean '-2' and '788e.01', or '-2,788e.01'"),
+    ],
+)
+def test_what_may_be_another_number_is_refused(text: str, wanted: str | int, message: str) -> None:
+    """Each of these was read as another number than the one written."""
+    with pytest.raises(BadInput, match=message):
+        read(text, wanted, searched=200)
+
+
+@pytest.mark.parametrize("cells", ["1 2 3 4 5", "1 2 3"])
+def test_a_single_line_with_more_or_fewer_cells_than_words_above_it_is_refused(cells: str) -> None:
+    """Three equal lines show that the words are a title, unless these state a unit."""
+    with pytest.raises(BadInput, match=r"has . cells under 4 names"):
+        read(f"# u v Force Strain\n{cells}\n", 1)
+    assert read(f"# u v Force Strain\n{cells}\n{cells}\n{cells}\n", 1)[1] == [[1.0]] * 3
+    with pytest.raises(BadInput, match=r"has . cells under 4 names"):
+        read(f"# u v Force (kN) Strain\n{cells}\n{cells}\n{cells}\n", 1)
+
+
+@pytest.mark.parametrize(
+    "head", ["% Time Force", "! Time Force", "% Time, Force", "// Time;Force", "# Time | Force", "|Time|Force|", "%% test\n% Time Force"]
+)
+def test_names_in_comments_of_other_programs_are_read(head: str) -> None:
+    assert read(f"{head}\n0.1 134.2\n 0.2 0.1343D+03\n", "Force")[1] == [[134.2], [134.3]]
+
+
+@pytest.mark.parametrize(
+    "head",
+    ["# Time Force\n# s kN", "% Time, s  Force, kN", "# Time, s, Force, kN", "# Time (s) | Force (kN)", "s kN", "% Time / s Force / kN"],
+)
+def test_units_in_comments_and_without_names_are_read(head: str) -> None:
+    layout, rows = read(f"{head}\n0.1 0.134\n", 2)
+    assert (layout.columns[1].unit, rows) == ("kN", [[0.134]])
+
+
+@pytest.mark.parametrize("text", ["| Time | Force |\n|---|---|\n| 0.1 | 134.2 |\n", "0.1 | 134.2\n0.2 | 134.3\n"])
+def test_bars_between_numbers_are_refused_by_name(text: str) -> None:
+    with pytest.raises(BadInput, match=r"is separated by '\|'"):
+        read(text, 2)
+    assert read("Time|Force\n0.1|134.2\n", "Force", given=Convention(separator="|"))[1] == [[134.2]]
+
+
+def test_labview_leaves_out_empty_comments() -> None:
+    assert read("X_Value\tForce\tComment\n0,0\t134,2\n0,1\t134,3\n", "Force")[1] == [[134.2], [134.3]]
+
+
+def test_a_description_without_a_table_below_it_contains_no_numbers() -> None:
+    """Its last value was read as the load until the first line of numbers was written."""
+    description = "Specimen;7\nRate;2\n"
+    with pytest.raises(AmbiguousTable, match="line 1: may be the description of a test"):
+        read(description, 2, searched=200)
+    assert read("OK;7\nOK;2\n", 2)[1] == [[7.0], [2.0]]
+    assert read("Remark;Force\nOK;7\n", "Force")[1] == [[7.0]]
