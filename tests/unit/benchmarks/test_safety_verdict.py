@@ -36,7 +36,7 @@ LOG = """10.000000 F=0.000 E=0.00000 mv=0 START
 18.000000 F=150.000 E=0.00750 mv=1 MOVE dir=2 travel=0.00100 speed=0.00100
 19.000000 F=1"""
 FROZEN = Fault(1, "no_response", "the load does not change", "stop")
-SEEN = Observed(
+OBSERVED = Observed(
     fault_s=13.0,
     ended_s=30.0,
     by_itself=False,
@@ -60,7 +60,7 @@ SEEN = Observed(
     wall_s=20.0,
     start_s=5.0,
 )
-TRIAL = Scenario("freeze", "the reading stands", "stop", Expected(stop_within_s=2.0, timed=True, registers={"r11": "777"}))
+TRIAL = Scenario("freeze", "the reading is frozen", "stop", Expected(stop_within_s=2.0, timed=True, registers={"r11": "777"}))
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_the_pursuit_of_a_stop_ends_with_the_next_motion_order_and_the_next_stop
 
 
 def test_what_is_as_it_must_be_passes() -> None:
-    assert judge(TRIAL, SEEN).failings == ()
+    assert judge(TRIAL, OBSERVED).failings == ()
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_what_is_as_it_must_be_passes() -> None:
     ],
 )
 def test_each_deviation_fails(change: dict, failing: str) -> None:
-    verdict = judge(TRIAL, replace(SEEN, **change))
+    verdict = judge(TRIAL, replace(OBSERVED, **change))
     assert any(failing in item for item in verdict.failings), verdict.failings
     assert line(verdict).startswith("FAIL freeze")
 
@@ -147,29 +147,33 @@ def test_each_deviation_fails(change: dict, failing: str) -> None:
         (Ending.COMPLETE, {"exit_code": 0}, False),
     ],
 )
-def test_each_ending_is_told_from_the_others(ending: Ending, change: dict, passes: bool) -> None:
+def test_verdict_requires_the_expected_ending(ending: Ending, change: dict, passes: bool) -> None:
     scenario = replace(TRIAL, expected=replace(TRIAL.expected, ending=ending))
-    assert judge(scenario, replace(SEEN, **change)).passed is passes
+    assert judge(scenario, replace(OBSERVED, **change)).passed is passes
 
 
-def test_the_bars_count_what_they_say() -> None:
+def test_safety_bars_are_counted_as_documented() -> None:
     healthy = replace(TRIAL, name="healthy", group=Group.HEALTHY, expected=Expected(Ending.COMPLETE, stop_within_s=None))
     wild = replace(TRIAL, name="wild", expected=replace(TRIAL.expected, peak_n=None))
-    good = figures([judge(TRIAL, replace(SEEN, stops_s=(13.2,))), judge(healthy, replace(SEEN, exit_code=0, faults=()))])
+    good = figures([judge(TRIAL, replace(OBSERVED, stops_s=(13.2,))), judge(healthy, replace(OBSERVED, exit_code=0, faults=()))])
     assert good.hold
     assert (good.trials, good.passed, good.healthy, good.stops) == (1, 1, 1, 1)
     assert good.p99_s == pytest.approx(0.2)
     bad = figures(
-        [judge(TRIAL, replace(SEEN, peak_n=500.0, faults=(), stops_s=())), judge(wild, replace(SEEN, peak_n=900.0)), judge(healthy, SEEN)]
+        [
+            judge(TRIAL, replace(OBSERVED, peak_n=500.0, faults=(), stops_s=())),
+            judge(wild, replace(OBSERVED, peak_n=900.0)),
+            judge(healthy, OBSERVED),
+        ]
     )
     assert not bad.hold
     assert (bad.over_peak, bad.silent, bad.missed, bad.false_stops) == (("freeze",), ("freeze",), ("freeze",), ("healthy",))
     assert bad.worst_peak_n == 500.0
 
 
-def test_what_is_kept_is_read_back(tmp_path: Path) -> None:
+def test_stored_verdicts_are_read_back(tmp_path: Path) -> None:
     path = tmp_path / "found.jsonl"
     assert kept(path) == {}
-    keep(path, "freeze", SEEN)
-    keep(path, "freeze", replace(SEEN, peak_n=1.0))
-    assert kept(path) == {"freeze": replace(SEEN, peak_n=1.0)}
+    keep(path, "freeze", OBSERVED)
+    keep(path, "freeze", replace(OBSERVED, peak_n=1.0))
+    assert kept(path) == {"freeze": replace(OBSERVED, peak_n=1.0)}

@@ -1,4 +1,4 @@
-"""Output paths are checked before the work begins, and files are written whole or not at all."""
+"""Output paths are checked before the work begins, and files are written completely or not at all."""
 
 from __future__ import annotations
 

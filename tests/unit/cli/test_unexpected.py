@@ -1,4 +1,4 @@
-"""What nobody expected is one sentence on the terminal, and the whole trace where somebody wants it."""
+"""An unexpected error is one line on the terminal; the full traceback is available on request."""
 
 from __future__ import annotations
 

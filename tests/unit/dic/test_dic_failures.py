@@ -1,4 +1,4 @@
-"""Every POI that cannot be measured says why, and carries no number."""
+"""Every POI that cannot be measured has a status with the reason, and carries no number."""
 
 import numpy as np
 import pytest

@@ -36,7 +36,7 @@ def changed(fine, coarse, seed):
     return np.clip(np.round(200.0 * grey), 0, 65535).astype(np.uint16)
 
 
-def test_points_of_a_changed_surface_are_kept_with_an_honest_uncertainty(lab):
+def test_points_of_a_changed_surface_are_retained_with_a_realistic_uncertainty(lab):
     render = coarse_surface(lab)
     first, second = changed(*render(lab.Affine()), 3), changed(*render(lab.Affine(u=SHIFT[0], v=SHIFT[1])), 4)
     m = dic.match(first, second, settings=SETTINGS)

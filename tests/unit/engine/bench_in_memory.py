@@ -58,10 +58,10 @@ def frame(
     export: int, start_ns: int, *, frame_s: float = 90.0, sigma_s: float = 0.3, width_px: int = 1024, dwell_s: float = 1e-4
 ) -> FrameInfo:
     """A frame that was scanned from `start_ns` on."""
-    known = Provenance.FILE
-    timing = ScanTiming(Sourced(dwell_s, known), Sourced(frame_s / 884, known), Sourced(frame_s, known), Sourced(1, known))
-    pixel = Sourced(1.25e-6, known)
-    return FrameInfo(export, f"frame{export:04}.tif", "fei", width_px, 884, 0, timing, Sourced(start_ns, known), sigma_s, pixel)
+    source = Provenance.FILE
+    timing = ScanTiming(Sourced(dwell_s, source), Sourced(frame_s / 884, source), Sourced(frame_s, source), Sourced(1, source))
+    pixel = Sourced(1.25e-6, source)
+    return FrameInfo(export, f"frame{export:04}.tif", "fei", width_px, 884, 0, timing, Sourced(start_ns, source), sigma_s, pixel)
 
 
 @dataclass
@@ -121,7 +121,7 @@ class Run:
             self.tell(StageReading(self.now_ns, StageSample(0, self.now_ns, 0, *self.xy_um, moving)))
 
     def load_sample(self) -> LoadSample:
-        """What the load frame says now."""
+        """The present state of the load frame."""
         moving = MotionState.STOPPED if self.load_goal_n is None else MotionState.MOVING
         return LoadSample(0, self.now_ns, 0, self.force_n, self.crosshead_mm, moving, self.target_n)
 

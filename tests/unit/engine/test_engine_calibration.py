@@ -30,7 +30,7 @@ def gated(*stops: tuple[tuple[float, float], float | None]) -> Plan:
 
 
 def pair(run: Run, refused: str | None = None) -> None:
-    """A pair, and what the estimate says some seconds later."""
+    """A pair, and its estimate some seconds later."""
     run.reach(State.IMAGING)
     run.scan()
     run.scan()

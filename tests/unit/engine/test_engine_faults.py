@@ -1,4 +1,4 @@
-"""Doubts, limits, and what the operator may say."""
+"""Doubtful pairs, limits, and the commands of the operator."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_an_emergency_stop_has_a_state_of_its_own() -> None:
     assert run.state.state is State.EMERGENCY_STOP
 
 
-def test_nothing_leaves_fault_but_the_operator_who_is_asked_twice() -> None:
+def test_only_a_confirmed_command_of_the_operator_leaves_fault() -> None:
     run = run_in(State.HOLDING)
     run.tell(LinkLost(run.now_ns, Device.LOAD_FRAME, "no answer"))
     run.tell(LinkRestored(run.now_ns, Device.LOAD_FRAME))
@@ -174,7 +174,7 @@ def test_abort_ends_at_once(state: State) -> None:
     assert run.tell(OperatorAction(run.now_ns, OperatorCommand.START)) == ()
 
 
-def test_what_the_operator_cannot_say_here_gets_an_answer() -> None:
+def test_an_operator_command_that_is_not_allowed_gets_an_answer() -> None:
     run = run_in(State.HOLDING)
     assert run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME)) == (Notify("cannot resume while holding"),)
 

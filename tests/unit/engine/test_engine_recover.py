@@ -1,4 +1,4 @@
-"""A run that is taken up again: what is asked, what is believed, and where the stage's zero is."""
+"""A resumed run: what it asks the operator, which readings it accepts, and where the zero of the stage is."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ PLAN = plan_of((HERE, 100.0), ((6.0, 0.0), 200.0), (HERE, 400.0))
 
 
 def interrupted(pairs: int, plan: object = PLAN, until: State = State.IMAGING) -> tuple[Run, InterruptedRun]:
-    """A run in memory that died in a state after so many pairs, and what its log would tell."""
+    """A run in memory that died in a state after so many pairs, and the content of its log."""
     run = Run(plan)  # type: ignore[arg-type]
     run.begin()
     for _ in range(pairs):
@@ -97,7 +97,7 @@ def test_a_run_without_stage_needs_none() -> None:
     assert run.force_n == 100.0
 
 
-def test_after_its_last_pair_nothing_is_asked_of_any_device() -> None:
+def test_after_the_last_pair_no_device_is_queried() -> None:
     run, before = interrupted(3)
     taken_up(run, before)
     assert run.state.state is State.COMPLETE
@@ -105,7 +105,7 @@ def test_after_its_last_pair_nothing_is_asked_of_any_device() -> None:
     assert len(run.of(FinishRun)) == 1
 
 
-def test_a_load_or_a_stage_that_is_elsewhere_is_told() -> None:
+def test_a_changed_load_or_stage_position_is_reported() -> None:
     run, before = interrupted(1)
     run.force_n -= 30.0
     assert "the load is 170.0 N now, and was 200.0 N" in taken_up(run, before).state.message
@@ -126,25 +126,25 @@ def fault_of(run: Run) -> FaultCode | None:
     return run.of(Transition)[-1].code
 
 
-@pytest.mark.parametrize(("change_mm", "as_left"), [(0.005, True), (-0.04, False), (0.04, False)])
-def test_an_extension_that_is_elsewhere_at_the_same_load_is_a_fault(change_mm: float, as_left: bool) -> None:
+@pytest.mark.parametrize(("change_mm", "unchanged"), [(0.005, True), (-0.04, False), (0.04, False)])
+def test_an_extension_that_is_elsewhere_at_the_same_load_is_a_fault(change_mm: float, unchanged: bool) -> None:
     run, before = interrupted(1)
     run.crosshead_mm += change_mm
     taken_up(run, before)
-    if as_left:
+    if unchanged:
         assert run.state.state is State.RESUMING
     else:
         assert fault_of(run) is FaultCode.MOVED_AT_REST
         assert "the extension is" in run.state.message
 
 
-@pytest.mark.parametrize(("change_mm", "as_left"), [(0.005, True), (0.5, True), (-0.04, False)])
-def test_a_crosshead_that_was_on_its_way_may_be_further_on_it_and_not_behind(change_mm: float, as_left: bool) -> None:
+@pytest.mark.parametrize(("change_mm", "unchanged"), [(0.005, True), (0.5, True), (-0.04, False)])
+def test_a_crosshead_that_was_on_its_way_may_be_further_on_it_and_not_behind(change_mm: float, unchanged: bool) -> None:
     run, before = interrupted(1, until=State.RAMPING)
     before = replace(before, load=LoadSample(0, T0, 0, 120.0, 0.024, MotionState.MOVING, 200.0), position=None)
     run.load_goal_n = None
     run.force_n, run.crosshead_mm = 160.0, 0.024 + change_mm
-    assert (changed_since(taken_up(run, before).state) is None) is as_left
+    assert (changed_since(taken_up(run, before).state) is None) is unchanged
 
 
 @pytest.mark.parametrize(("cleared", "code"), [(False, FaultCode.FOREIGN_ORDER), (True, FaultCode.DEVICE_RESTARTED)])
@@ -175,27 +175,27 @@ def test_a_new_run_has_no_order_to_compare() -> None:
     assert run.state.state is State.CONNECTING
 
 
-@pytest.mark.parametrize(("device", "as_left"), [(Device.LOAD_FRAME, False), (Device.STAGE, True)])
-def test_a_load_frame_that_was_found_moving_is_no_machine_as_the_log_left_it(device: Device, as_left: bool) -> None:
+@pytest.mark.parametrize(("device", "unchanged"), [(Device.LOAD_FRAME, False), (Device.STAGE, True)])
+def test_a_load_frame_that_was_found_moving_does_not_match_the_log(device: Device, unchanged: bool) -> None:
     run, before = interrupted(1, until=State.RAMPING)
     run.commands.clear()
     run.load_goal_n = None
     run.state = start(run.plan, run.now_ns, interrupted_run=before)
     run.tell(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(DeviceStopped(run.now_ns, device, "it moved before it was told to"))
+    run.tell(DeviceStopped(run.now_ns, device, "it moved before it was commanded"))
     assert run.state.state is State.CONNECTING
     run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     assert run.state.state is State.RESUMING
-    assert (changed_since(run.state) is None) is as_left
-    assert ("look first: the load frame was still moving" in run.state.message) is not as_left
+    assert (changed_since(run.state) is None) is unchanged
+    assert ("look first: the load frame was still moving" in run.state.message) is not unchanged
 
 
 def test_a_new_run_does_not_begin_on_a_machine_that_was_found_moving() -> None:
     run = Run(PLAN)
     run.tell(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "it moved before it was told to"))
+    run.tell(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "it moved before it was commanded"))
     run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     run.tell(OperatorAction(run.now_ns, OperatorCommand.START))
     assert run.state.state is State.FAULT
@@ -208,12 +208,12 @@ def test_a_load_that_was_on_its_way_may_be_anywhere_on_it() -> None:
     run, before = interrupted(1, until=State.RAMPING)
     before = replace(before, load=LoadSample(0, T0, 0, 120.0, 0.0, MotionState.MOVING, 200.0), position=None, ramping=False)
     run.load_goal_n = None
-    for force_n, as_left in ((120.0, True), (160.0, True), (205.0, True), (100.0, False), (220.0, False)):
+    for force_n, unchanged in ((120.0, True), (160.0, True), (205.0, True), (100.0, False), (220.0, False)):
         run.force_n = force_n
-        assert (changed_since(taken_up(run, before).state) is None) is as_left, force_n
+        assert (changed_since(taken_up(run, before).state) is None) is unchanged, force_n
 
 
-def test_what_is_asked_once_is_not_held_against_a_later_fault() -> None:
+def test_a_confirmed_difference_does_not_affect_a_later_fault() -> None:
     run, before = interrupted(1)
     run.force_n -= 30.0
     taken_up(run, before)

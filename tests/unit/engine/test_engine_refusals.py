@@ -119,21 +119,23 @@ def test_kinds_differ_by_each_of_their_settings() -> None:
 
 
 def test_settings_of_the_column_differ_by_name() -> None:
-    known = Provenance.FILE
-    column = ColumnSettings(Sourced("ETD", known), Sourced(5e3, known), Sourced(0.01, known), Sourced(200.0, known), Sourced(0.0, known))
+    source = Provenance.FILE
+    column = ColumnSettings(
+        Sourced("ETD", source), Sourced(5e3, source), Sourced(0.01, source), Sourced(200.0, source), Sourced(0.0, source)
+    )
     a = replace(frame(0, 0), column=column)
     for change, words in (
-        (replace(column, detector=Sourced("BSD", known)), "detector BSD instead of ETD"),
-        (replace(column, voltage_v=Sourced(1e4, known)), "voltage 10000 V instead of 5000 V"),
-        (replace(column, magnification=Sourced(250.0, known)), "magnification 250 x instead of 200 x"),
-        (replace(column, scan_rotation_deg=Sourced(90.0, known)), "scan rotation 90 degrees instead of 0 degrees"),
+        (replace(column, detector=Sourced("BSD", source)), "detector BSD instead of ETD"),
+        (replace(column, voltage_v=Sourced(1e4, source)), "voltage 10000 V instead of 5000 V"),
+        (replace(column, magnification=Sourced(250.0, source)), "magnification 250 x instead of 200 x"),
+        (replace(column, scan_rotation_deg=Sourced(90.0, source)), "scan rotation 90 degrees instead of 0 degrees"),
     ):
         assert difference(a, replace(a, column=change)) == words
-    refocused = replace(a, column=replace(column, working_distance_m=Sourced(0.011, known)))
+    refocused = replace(a, column=replace(column, working_distance_m=Sourced(0.011, source)))
     assert difference(a, refocused) is None  # from step to step the focus may follow the specimen
-    passes = replace(a.timing, line_integrations=Sourced(2, known))
+    passes = replace(a.timing, line_integrations=Sourced(2, source))
     assert difference(a, replace(a, timing=passes)) == "2 passes over each line instead of 1"
-    longer = replace(a.timing, frame_time_s=Sourced(95.0, known))
+    longer = replace(a.timing, frame_time_s=Sourced(95.0, source))
     assert difference(a, replace(a, timing=longer)) == "frame time 95 s instead of 90 s"
 
 
@@ -169,7 +171,7 @@ def test_a_load_that_leaves_tolerance_costs_the_pair_its_first_frame(imaging: Ru
     assert imaging.accepted == []
 
 
-def test_a_frame_waits_until_the_load_at_the_end_of_its_scan_is_known(imaging: Run) -> None:
+def test_a_frame_waits_until_the_load_at_the_end_of_its_scan_is_measured(imaging: Run) -> None:
     imaging.scan()
     info = frame(9, imaging.now_ns)
     imaging.wait(90.0)

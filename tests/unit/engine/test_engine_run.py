@@ -1,4 +1,4 @@
-"""Whole runs through the engine: the order of things, holds, frames."""
+"""Complete runs through the engine: order of actions, holds, frames."""
 
 from __future__ import annotations
 

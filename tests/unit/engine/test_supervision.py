@@ -1,4 +1,4 @@
-"""A ramp whose readings do not answer is stopped before the load can be far; one whose readings do is let go on, whatever the cell."""
+"""A ramp is stopped before the load can be far if its readings do not respond; it continues if they do, whatever the load cell."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_runaway_is_stopped_at_the_tolerance_beyond_the_target() -> None:
 
 
 @pytest.mark.parametrize("factor", [2.0, 3.0, 20.0])
-def test_a_rate_that_is_not_kept_stops_the_ramp(factor: float) -> None:
+def test_a_ramp_rate_that_differs_from_its_order_stops_the_ramp(factor: float) -> None:
     finding, true_n = first_finding(Machine(rate_n_s=30.0 * factor))
     assert finding is not None
     assert finding.code in (FaultCode.RATE_NOT_KEPT, FaultCode.LOAD_JUMP)
@@ -249,7 +249,7 @@ def test_healthy_ramps_are_never_stopped(seed: int, identity: DeviceIdentity) ->
     assert true_n == target
 
 
-def test_unloading_by_plan_is_supervised_alike() -> None:
+def test_planned_unloading_is_supervised_in_the_same_way() -> None:
     down = Machine(target_n=100.0)
     down.force_n = 300.0
     assert first_finding(down, ordered_n=100.0)[0] is None

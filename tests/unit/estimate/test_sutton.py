@@ -44,7 +44,7 @@ def given(experiment: Experiment, settings: EstimateSettings, pairs: int = 99) -
 
 
 def test_the_papers_world_without_noise_is_found(equation_9: Experiment) -> None:
-    """Drift is quadratic, so its velocity is in the spline; what is left is the wave between knots."""
+    """Drift is quadratic, so its velocity is in the spline; the residual is the wave between knots."""
     solution = sutton.solve(given(equation_9, EstimateSettings()))
     found = sutton.to_estimate(solution, 3)
     assert found.drift.drift_px == pytest.approx(equation_9.world.column.drift.at(found.drift.time_s), abs=1e-3)
@@ -52,8 +52,8 @@ def test_the_papers_world_without_noise_is_found(equation_9: Experiment) -> None
     for one in equation_9.pairs[1:]:
         for observed in one.seen:
             correction = sutton.correction(solution, observed.exact)
-            left = observed.exact.u_px - correction.u_px - observed.displacement_px[..., 0]
-            assert np.ptp(left) <= 2e-3
+            residual_px = observed.exact.u_px - correction.u_px - observed.displacement_px[..., 0]
+            assert np.ptp(residual_px) <= 2e-3
     assert found.distortion.valid.all()
     assert solution.noise_floor_px <= 1e-3
 

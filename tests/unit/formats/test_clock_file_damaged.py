@@ -1,4 +1,4 @@
-"""A clock file that is spoilt in the middle of a run: time goes on by the last line that was good."""
+"""A clock file that is damaged during a run: time continues from the last valid line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A score says when stated uncertainties are wrong, and only then."""
+"""A score reports wrong uncertainties, and only those."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_figures_go_to_a_folder_or_to_one_sheet(tmp_path: Path) -> None:
         save_figures(errors, tmp_path / "taken")
 
 
-def test_a_field_is_seen_by_its_mean_over_a_subset() -> None:
+def test_a_field_is_compared_by_its_mean_over_a_subset() -> None:
     at = np.random.default_rng(3).uniform(-100.0, 100.0, (5, 2))
 
     def bent(address: np.ndarray) -> np.ndarray:

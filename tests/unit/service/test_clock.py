@@ -23,8 +23,8 @@ def test_at_an_instrument_experiment_time_is_utc() -> None:
     clock = open_clock(None)
     assert isinstance(clock, SystemClock)
     before_ns = time.time_ns()
-    told_ns = clock.now_ns()
-    assert before_ns - 50_000_000 < told_ns < time.time_ns() + 50_000_000
+    reported_ns = clock.now_ns()
+    assert before_ns - 50_000_000 < reported_ns < time.time_ns() + 50_000_000
 
 
 def test_a_published_rate_is_followed(tmp_path: Path) -> None:

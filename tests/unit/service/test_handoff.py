@@ -1,4 +1,4 @@
-"""Things that another thread says wait a few at a time, in their order, and are not lost when nobody takes them."""
+"""Messages of another thread wait in a short queue, in their order, and are not lost if nobody takes them."""
 
 from __future__ import annotations
 

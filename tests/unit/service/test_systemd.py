@@ -1,4 +1,4 @@
-"""The daemon's words for a service manager, and the unit that asks for them."""
+"""The messages of the daemon to a service manager, and the unit that enables them."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_abstract_names_are_understood() -> None:
         assert one.recv(100) == b"STOPPING=1"
 
 
-def said(manager: socket.socket) -> list[bytes]:
+def messages(manager: socket.socket) -> list[bytes]:
     """What has come since."""
     received = []
     while True:
@@ -79,10 +79,10 @@ def test_the_watchdog_hears_a_living_loop_and_no_blocked_one(manager: socket.soc
         beating = asyncio.create_task(one.watchdog())
         while len(beats) < 4:
             await asyncio.sleep(0.005)
-            beats.extend(said(manager))
+            beats.extend(messages(manager))
         took_s = time.monotonic() - began_s
         time.sleep(0.2)
-        blocked.extend(said(manager))
+        blocked.extend(messages(manager))
         beating.cancel()
         return took_s
 

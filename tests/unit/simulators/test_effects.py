@@ -1,4 +1,4 @@
-"""The library of effects: names, defaults, scenarios, and what the instruments say."""
+"""The library of effects: names, defaults, scenarios, and the readings of the instruments."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ def test_sharper_dots_do_not_move() -> None:
     )
 
 
-def test_instruments_say_what_the_formulas_say() -> None:
+def test_instrument_readings_follow_their_formulas() -> None:
     motion = at_rest(load_n=1000.0, history=History((LoadStep(5.0, 1200.0), LoadStep(50.0, -200.0))))
     cases: dict[str, tuple[dict[str, float], float]] = {
         "load_cell_zero": ({"zero_n": 20.0}, 1020.0),

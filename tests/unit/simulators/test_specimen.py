@@ -14,7 +14,7 @@ from semlive_simulators.specimen.specimen import Motion
 
 
 @pytest.mark.parametrize("name", ["paper_x200", "short"])
-def test_scenarios_say_what_the_paper_says(name: str) -> None:
+def test_scenarios_have_the_values_of_the_paper(name: str) -> None:
     scenario = load_scenario(name)
     scan = scenario.scan
     assert (scan.width_px, scan.height_px) == (1024, 884)
