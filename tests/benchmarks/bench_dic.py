@@ -1,8 +1,8 @@
-"""Speed, memory and accuracy of the DIC engine, each beside its bar: ``python tests/benchmarks/bench_dic.py [quick]``.
+"""Speed, memory and accuracy of the DIC engine, each with its bar: ``python tests/benchmarks/bench_dic.py [quick]``.
 
 The job: 1024 x 884 px, 8 bit, subset 43, 150 x 120 = 18,000 POI 5 px apart, shift (3.3, -2.7) px plus 1e-3 strain, speckle of
 6.7 px, rendered analytically. Times are the best of RUNS, taken in turns (one and two threads, new and kept reference), so that
-what else the machine does meets all alike; the median beside it tells how much that was. ``quick`` leaves out the large frames.
+other work of the machine affects all equally; the median next to it shows how much that was. ``quick`` skips the large frames.
 
 Two processors of a machine rarely give twice one: virtual ones share a core at times, and all share memory. So the same work is
 also done, in the same turns, by one process of one thread and by two such processes at once, which share nothing: what these give
@@ -71,7 +71,7 @@ class Watch:
     cpu: list[float]
 
     def run(self, work: Callable[[], object]) -> None:
-        """Once more."""
+        """Time of a repeated call."""
         wall, cpu = time.perf_counter(), time.process_time()
         work()
         self.wall.append(time.perf_counter() - wall)
@@ -97,7 +97,7 @@ def in_turns(jobs: dict[tuple[str, int], Callable[[], object]]) -> dict[tuple[st
 
 
 def pair_of_work(first: NDArray[np.uint8], second: NDArray[np.uint8], grid: Grid) -> dict[str, Callable[[], object]]:
-    """What is compared with two processes: the whole pair and IC-GN alone."""
+    """The work that is compared with two processes: the complete pair and IC-GN alone."""
 
     def new() -> object:
         prepared = dic.prepare(first, grid, SETTINGS)
@@ -107,7 +107,7 @@ def pair_of_work(first: NDArray[np.uint8], second: NDArray[np.uint8], grid: Grid
 
 
 def obey(orders: Connection, first: NDArray[np.uint8], second: NDArray[np.uint8], grid: Grid) -> None:
-    """A process of one thread: does the work that it is told and says when it is done, until it is told nothing."""
+    """A process of one thread: does the work that it receives and reports its end, until it receives nothing."""
     config.NUMBA_NUM_THREADS = 1
     work = pair_of_work(first, second, grid)
     for job in work.values():
@@ -149,7 +149,7 @@ def together(ends: list[Connection], what: str) -> Callable[[], object]:
 
 
 def scaling(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], grid: Grid) -> None:
-    """What two threads give, beside what two processes give at the same time."""
+    """Gain of two threads, compared with the gain of two processes at the same time."""
     jobs: dict[tuple[str, int], Callable[[], object]] = {}
     works = pair_of_work(*pair, grid)
     with two_processes(*pair, grid) as ends:
@@ -185,7 +185,7 @@ def speed(pairs: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]], grid: G
     for noise, (first, second) in pairs.items():
         reference = dic.prepare(first, grid, SETTINGS)
 
-        def kept(reference: dic.Reference = reference, second: NDArray[np.uint8] = second) -> object:
+        def with_reference(reference: dic.Reference = reference, second: NDArray[np.uint8] = second) -> object:
             return dic.correlate(reference, second, SETTINGS, reference_frame=0, current_frame=1)
 
         def new(first: NDArray[np.uint8] = first, second: NDArray[np.uint8] = second) -> object:
@@ -194,7 +194,7 @@ def speed(pairs: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]], grid: G
 
         for count in (1, 2):
             jobs[f"new reference, {noise} grey", count] = new
-            jobs[f"kept reference, {noise} grey", count] = kept
+            jobs[f"kept reference, {noise} grey", count] = with_reference
             jobs[f"IC-GN alone, {noise} grey", count] = kernel(reference, second, grid)
     watches = in_turns(jobs)
     bars = {"new reference, 2 grey": ("0.15", "0.27"), "new reference, 5 grey": ("0.25", ""), "kept reference, 2 grey": ("0.12", "")}

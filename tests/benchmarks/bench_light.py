@@ -1,4 +1,4 @@
-"""What is asked after every pair of a run: how often it warns where nothing is hidden, how soon where something is, and what it costs.
+"""Residual test after every pair of a run: rate of false warnings, delay of a warning with a hidden effect, and cost.
 
     python tests/benchmarks/bench_light.py --nulls 9001 9301     # runs of 8 to 15 pairs: from a seed to before another
     python tests/benchmarks/bench_light.py --effects --size 4    # each effect of the library at so many times what can be detected

@@ -190,7 +190,7 @@ def blank_on_specimen(rng: np.random.Generator, noise: float) -> Scene:
 
 
 def repeating(rng: np.random.Generator, noise: float) -> Scene:
-    """A tile repeated over the whole frame, or over a part of it."""
+    """A tile repeated over the complete frame, or over a part of it."""
     base = texture(rng)
     periods = rng.integers(17, 110, 2)
     tile = texture(rng, int(periods[0]), int(periods[1]))

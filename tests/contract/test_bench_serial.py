@@ -70,14 +70,14 @@ def opened(path: str) -> Iterator[int]:
     os.close(handle)
 
 
-QUIET_S = 0.15
+SILENCE_S = 0.15
 
 
-def heard(handle: int, said: bytes, within_s: float = 3.0) -> bytes:
-    """What comes back until it has been quiet for a while; the first byte may take as long as a busy computer needs."""
-    os.write(handle, said)
+def heard(handle: int, sent: bytes, within_s: float = 3.0) -> bytes:
+    """What comes back until the line has been silent for a while; the first byte may take as long as a busy computer needs."""
+    os.write(handle, sent)
     answer = b""
-    while select.select([handle], [], [], QUIET_S if answer else within_s)[0]:
+    while select.select([handle], [], [], SILENCE_S if answer else within_s)[0]:
         answer += os.read(handle, 4096)
     return answer
 
@@ -108,10 +108,10 @@ def test_bytes_on_the_line_and_silence_where_a_device_keeps_silent(lines: Lines)
     read = struct.pack(">BHH", 4, 0, 2)
     with opened(lines.rtu) as line:
         assert heard(line, framed(UNIT, read)) == framed(UNIT, bytes([4, 4]) + struct.pack(">HH", 0x5E31, 1))
-        assert heard(line, framed(2, read), QUIET_S) == b""  # another unit
-        assert heard(line, framed(UNIT, read)[:-1] + b"\0", QUIET_S) == b""  # damaged
-        assert heard(line, b"\x01", QUIET_S) == b""
-        assert heard(line, framed(0, struct.pack(">BHH", 6, 5, 99)), QUIET_S) == b""  # a write to everybody
+        assert heard(line, framed(2, read), SILENCE_S) == b""  # another unit
+        assert heard(line, framed(UNIT, read)[:-1] + b"\0", SILENCE_S) == b""  # damaged
+        assert heard(line, b"\x01", SILENCE_S) == b""
+        assert heard(line, framed(0, struct.pack(">BHH", 6, 5, 99)), SILENCE_S) == b""  # a write to everybody
         assert heard(line, framed(UNIT, struct.pack(">BHH", 3, 5, 1))) == framed(UNIT, bytes([3, 2, 0, 99]))
         assert heard(line, framed(UNIT, struct.pack(">BHH", 1, 0, 1))) == framed(UNIT, bytes([0x81, 1]))
 
@@ -181,5 +181,5 @@ def test_a_travel_limit_stops_it_and_lets_it_go_back(lines: Lines) -> None:
 
 def test_letters_that_mean_nothing_are_passed_over(lines: Lines) -> None:
     with opened(lines.serial) as line:
-        assert heard(line, b"\x00?!Q\r\nk y", QUIET_S) == b""
+        assert heard(line, b"\x00?!Q\r\nk y", SILENCE_S) == b""
         assert heard(line, b"p\r") == b"S M\r\n"

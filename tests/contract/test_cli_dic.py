@@ -85,15 +85,15 @@ def test_progress_is_on_standard_error_alone(folder):
     assert result.stderr.splitlines() == ["correlating 1 of 2: a.tif", "correlating 2 of 2: b.tif"]
 
 
-def test_a_poor_pattern_is_told_with_its_figure(folder):
+def test_a_poor_pattern_is_reported_with_its_figure(folder):
     faint = np.round(128 + (speckle().astype(float) - 128) / 12).astype(np.uint8)
     tifffile.imwrite(folder / "faint.tif", faint)
     result = run(folder / "faint.tif", folder / "faint.tif", "--subset", 31, "--json")
     assert result.exit_code == 0
     assert set(json.loads(result.stdout)) == {"points", "converged", "wall_s", "subset_px", "step_px", "method"}  # a contract
-    told = [line for line in result.stderr.splitlines() if line.startswith(str(folder / "faint.tif"))]
+    warnings = [line for line in result.stderr.splitlines() if line.startswith(str(folder / "faint.tif"))]
     assert any(
-        "the contrast of the pattern is 3.2 grey levels" in line and "increase the contrast of the detector" in line for line in told
+        "the contrast of the pattern is 3.2 grey levels" in line and "increase the contrast of the detector" in line for line in warnings
     )
     masked = np.zeros(faint.shape, np.uint8)
     cv2.imwrite(str(folder / "nothing.png"), masked)
@@ -127,7 +127,7 @@ def test_no_point_is_a_failure_with_its_cause(folder):
 
 
 def write_as(path, image):
-    """The grey image in the format its name says, as colour where that is what people have."""
+    """The grey image in the format of its name, as colour where that is common."""
     if path.name == "colour.png":
         image = np.stack([image, image // 2 + 40, 255 - image // 3], axis=2)
     elif path.name == "sixteen.png":
@@ -199,7 +199,7 @@ def test_large_frames_are_worked_on_in_bands_and_nobody_sees_it(folder, monkeypa
     assert tables[0] == tables[1]
 
 
-def test_a_wrong_file_is_told_before_anything_is_written(folder):
+def test_a_wrong_file_is_reported_before_anything_is_written(folder):
     result = run(folder / "ref.tif", folder / "a.tif", folder / "small.tif", "--out", folder / "maps")
     assert isinstance(result.exception, BadInput)
     assert (result.stdout, result.stderr) == ("", "")

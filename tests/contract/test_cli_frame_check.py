@@ -70,7 +70,7 @@ def test_a_look_at_the_bench_finds_it_sound_and_writes_nothing(bench: tuple[int,
         assert client.read_holding_registers(0, count=8, device_id=UNIT).registers == [0] * 8
 
 
-def test_another_device_is_told_in_a_table_and_by_the_exit_code(bench: tuple[int, str], check: Check) -> None:
+def test_another_device_is_reported_in_a_table_and_by_the_exit_code(bench: tuple[int, str], check: Check) -> None:
     code, out, error = check("oriental_az", "--port", str(bench[0]))
     assert code == 1
     assert "bad" in out

@@ -61,7 +61,7 @@ def test_json_is_one_object_with_the_promised_keys(folder: Path) -> None:
     assert "the scan was not finished" in half["problems"][0]
 
 
-def test_the_text_beside_an_image_stands_for_it_and_a_configuration_fills_gaps(folder: Path, tmp_path: Path) -> None:
+def test_a_sidecar_text_represents_its_image_and_a_configuration_fills_gaps(folder: Path, tmp_path: Path) -> None:
     config = {
         "sem": {
             "folder": "export",

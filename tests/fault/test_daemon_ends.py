@@ -32,7 +32,7 @@ def originals(log: Path) -> int:
 
 
 def stopped(patient: Any, number: int = signal.SIGTERM) -> tuple[int, str, float]:
-    """Exit code, last words, and how long it took to end."""
+    """Exit code, last output, and the time to its end."""
     patient.daemon.send_signal(number)
     began_s = time.monotonic()
     code, printed = patient.end(90.0)

@@ -1,4 +1,4 @@
-"""Whatever breaks under the daemon: nothing moves any more, the log is whole, one sentence says why, exit code 1."""
+"""After any failure under the daemon: nothing moves any more, the log is complete, one message gives the reason, exit code 1."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_a_mistake_in_the_loop_stops_the_machine_and_ends_the_run(patient: Any) 
 
 
 def test_a_driver_that_never_comes_back_is_noticed(patient: Any) -> None:
-    # Stopping waits so long for the device's word, unless it is told a second time.
+    # A stop waits so long for the device's reply, unless a second stop is requested.
     patient.config["limits"]["stop_timeout_s"] = 300.0
     patient.start().reach("ramping").falls_ill("load frame hangs in read")
     patient.reach("stopping").daemon.send_signal(signal.SIGINT)

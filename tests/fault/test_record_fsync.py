@@ -63,7 +63,7 @@ print(json.dumps(dict(said=said, behind=[one for one in behind if one], whole=wh
 
 @pytest.fixture
 def record(disk_peer: Path, tmp_path: Path) -> Callable[..., dict[str, Any]]:
-    """Writes a log on a disk that fails as the switches say."""
+    """Writes a log on a disk that fails as the switches set."""
 
     def run(switches: dict[str, int], at: int = 10) -> dict[str, Any]:
         for name in ("log", "switches"):

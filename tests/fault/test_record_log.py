@@ -29,7 +29,7 @@ from semlive.service.log.tail import LogTail
 
 @dataclass
 class StuckClock:
-    """A clock that stands still, as experiment time does while a simulation catches up."""
+    """A clock that does not advance, like experiment time while a simulation catches up."""
 
     ns: int = 10**18
 
@@ -131,7 +131,7 @@ def test_nothing_is_lost_when_the_disk_is_full_for_a_while(tmp_path: Path) -> No
     assert [message.publish_time_ns - 10**18 for message in messages(tmp_path)] == list(range(200))
 
 
-def test_a_disk_that_stays_full_is_told_and_a_full_queue_refuses(tmp_path: Path) -> None:
+def test_a_disk_that_stays_full_is_reported_and_a_full_queue_refuses(tmp_path: Path) -> None:
     printed: list[str] = []
     open_raw, opened = small_disk(0)
     recorder = Recorder(tmp_path / "r.000.mcap", StuckClock(), printed.append, open_raw=open_raw, max_messages=20, retry_after_s=0.05)
@@ -148,7 +148,7 @@ def test_a_disk_that_stays_full_is_told_and_a_full_queue_refuses(tmp_path: Path)
     assert not recorder.path.exists()
     with pytest.raises(SemliveError, match="closed"):
         recorder.write("/log", line("late"))
-    opened[0].room = 10**9  # closing goes on in the background, and ends whole
+    opened[0].room = 10**9  # closing continues in the background, and ends completely
     assert recorder.close()
 
 

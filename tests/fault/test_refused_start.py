@@ -115,7 +115,7 @@ def test_a_closed_port_is_bad_input_and_leaves_its_fault_too(patient: Any) -> No
     assert [one["code"] for one in patient.logged("/fault")] == ["link_lost"]
 
 
-def test_a_log_with_more_than_a_refused_start_is_kept(patient: Any) -> None:
+def test_a_log_with_more_than_a_refused_start_is_retained(patient: Any) -> None:
     patient.start().reach("ramping").daemon.terminate()
     assert patient.end()[0] == 1
     before = [path.read_bytes() for path in segments(patient.log)]

@@ -1,4 +1,4 @@
-"""Names in the export folder that lead elsewhere, and another folder in its place: the watch goes on, and says what it leaves out."""
+"""Names in the export folder that lead elsewhere, and another folder in its place: the watch continues, and reports what it omits."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Watched:
 
 def test_links_to_kernel_files_and_devices_are_refused_and_other_files_are_taken(tmp_path: Path) -> None:
     watched = Watched(tmp_path).open()
-    # Reading /proc/kmsg blocks until the kernel says something; that of /dev/zero never ends; a FIFO waits for a writer.
+    # Reading /proc/kmsg blocks until the kernel logs something; that of /dev/zero never ends; a FIFO waits for a writer.
     os.symlink("/proc/kmsg", tmp_path / "a.tif")
     os.symlink("/dev/zero", tmp_path / "b.tif")
     os.mkfifo(tmp_path / "c.tif")

@@ -1,4 +1,4 @@
-"""The pixels of the scenarios that come along are fixed: whoever changes one of them says so here."""
+"""The pixels of the scenarios that come along are fixed: a deliberate change of one of them is stated here."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def steady_motion() -> Motion:
     return Motion(np.array([0.0, 100.0]), np.array([[0.0, 0.0], [160.0, -90.0]]), np.stack([np.zeros((2, 2)), 10 * rate]))
 
 
-def seen_points(scenario: Scenario, start_s: float, motion: Motion) -> NDArray[np.float64]:
+def imaged_points(scenario: Scenario, start_s: float, motion: Motion) -> NDArray[np.float64]:
     """Material point of every pixel, each at its own time, solved from the forward model: (height, width, 2)."""
     scan = scenario.scan
     points = np.empty((scan.height_px, scan.width_px, 2))
@@ -88,7 +88,7 @@ def gold_at(speckle: Speckle, point: NDArray[np.float64]) -> float:
 )
 def test_every_pixel_sees_the_point_of_its_own_time_and_place(start_s: float, motion: Motion) -> None:
     scenario = small()
-    expected = seen_points(scenario, start_s, motion)
+    expected = imaged_points(scenario, start_s, motion)
     assert np.abs(kernel_points(scenario.column(), start_s, motion) - expected).max() < 1e-4
     image = render_frame(scenario, start_s, motion)
     grey = np.array([[gold_at(scenario.speckle, expected[y, x]) for x in range(96)] for y in range(64)])

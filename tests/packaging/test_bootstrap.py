@@ -1,4 +1,4 @@
-"""go.py: when it sets up, when it does not, and what it says when it cannot."""
+"""go.py: when it sets up, when it does not, and its message when it cannot."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def go() -> types.ModuleType:
 
 @pytest.fixture
 def project(go: types.ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A project whose environments are one empty file and whose pip only notes what it was asked for."""
+    """A project whose environments are one empty file and whose pip only records its arguments."""
     (tmp_path / "pyproject.toml").write_text("[project]\n", "utf-8")
     (tmp_path / "installed.txt").write_text("", "utf-8")
 
@@ -116,7 +116,7 @@ def test_a_failed_installation_is_one_sentence_and_is_tried_again(go: types.Modu
     assert installs(project) == ["run", "run"]
 
 
-def test_a_folder_that_is_no_environment_is_left_alone(go: types.ModuleType, tmp_path: Path) -> None:
+def test_a_folder_that_is_no_environment_is_not_changed(go: types.ModuleType, tmp_path: Path) -> None:
     precious = tmp_path / "thesis"
     precious.mkdir()
     (precious / "chapter1.txt").write_text("years of work", "utf-8")

@@ -1,4 +1,4 @@
-"""Load frame and stage of the bench: what must hold whatever they are told."""
+"""Load frame and stage of the bench: invariants for all commands."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_displacement_control_runs_at_its_speed() -> None:
 
 
 def plastic_mm(peak_n: float) -> float:
-    """Ramberg and Osgood's law for 50 mm of annealed sheet, written out once more."""
+    """Ramberg and Osgood's law for 50 mm of annealed sheet, written independently."""
     return 50.0 * 0.002 * (max(peak_n, 0.0) / 10.0 / 95.0) ** 2.25
 
 

@@ -1,4 +1,4 @@
-"""What goes into a log comes out of it: messages, maps, whole files, and torn ones up to the tear."""
+"""What goes into a log comes out of it: messages, maps, complete files, and truncated ones up to the cut."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def test_a_mask_is_0_or_1_and_one_kind_is_not_read_as_another() -> None:
                     decode(payload)
 
 
-def test_nan_is_refused_and_wall_times_can_be_left_out() -> None:
+def test_nan_is_refused_and_wall_times_can_be_omitted() -> None:
     with pytest.raises(ValueError, match="finite"):
         DicMessage(reference=0, current=1, points=1, converged=1, mean_u_px=np.nan, mean_v_px=0, noise_px=0, wall_s=1)
     message = DicMessage(reference=0, current=1, points=1, converged=0, mean_u_px=None, mean_v_px=None, noise_px=None, wall_s=1)

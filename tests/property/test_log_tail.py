@@ -1,4 +1,4 @@
-"""A growing log is read message by message as its chunks become whole, whatever happens to its files."""
+"""A growing log is read message by message as its chunks become complete, whatever happens to its files."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_whol
             assert read == whole[: len(read)]
             assert not tail.finished or at + 1 >= len(data) - 8
             if at + 1 in ends[:3]:
-                # A message index begins: the chunk before it is whole, and all of it has been given.
+                # A message index begins: the chunk before it is complete, and all of it has been given.
                 assert read
                 assert read == list(messages(path))
     assert read == whole
@@ -115,7 +115,7 @@ def test_what_was_not_taken_comes_again(tmp_path: Path) -> None:
     assert read == list(messages(tmp_path))
 
 
-def test_damage_in_the_middle_is_passed_over_and_told(tmp_path: Path) -> None:
+def test_damage_in_the_middle_is_skipped_and_reported(tmp_path: Path) -> None:
     path = tmp_path / "run.000.mcap"
     data = bytearray(write(path, 0, 12))
     data[data.index(b"xxxxx")] ^= 1

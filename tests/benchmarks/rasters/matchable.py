@@ -116,7 +116,7 @@ def agreement(s: Scene) -> tuple[Field, Field]:
     spread = count * half * (half + 1) / 3.0  # sum of squares of x over a template
 
     def inner(a: Field, b: Field) -> Field:
-        """Scalar product over a template of what is left of a and b without offset and plane."""
+        """Scalar product over a template of a and b after removal of offset and plane."""
         out = _sums(a * b) - _sums(a) * _sums(b) / count
         for position in (x, y):
             out -= (_sums(a * position) - position * _sums(a)) * (_sums(b * position) - position * _sums(b)) / spread

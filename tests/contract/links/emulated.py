@@ -1,6 +1,6 @@
 """Devices on a desk, written apart from the drivers: registers with a hook, served over TCP and over a pseudo-terminal, in threads.
 
-Every request is noted. Answers over the pseudo-terminal can be made late; the device answers in the order in which it was asked, as a
+Every request is noted. Answers over the pseudo-terminal can be made late; the device answers in the order of the requests, as a
 device with one processor does.
 """
 
@@ -103,13 +103,13 @@ def _serve(client: socket.socket, device: Device) -> None:
 
 @contextmanager
 def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0.0) -> Iterator[str]:
-    """Serve devices by unit over one pseudo-terminal; gives its path. `late_s` is asked before each answer."""
+    """Serve devices by unit over one pseudo-terminal; gives its path. `late_s` is called before each answer."""
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     over = threading.Event()
     requested: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
-    def hear() -> None:
+    def receive() -> None:
         heard = b""
         while not over.is_set():
             if not select.select([ours], [], [], 0.05)[0]:
@@ -130,7 +130,7 @@ def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0
                 time.sleep(late_s())
                 os.write(ours, body + crc(body))
 
-    threads = [threading.Thread(target=run, daemon=True) for run in (hear, speak)]
+    threads = [threading.Thread(target=run, daemon=True) for run in (receive, speak)]
     for thread in threads:
         thread.start()
     path = os.ttyname(theirs)

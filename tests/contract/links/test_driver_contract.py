@@ -97,7 +97,7 @@ def bench(stack: ExitStack, line: Line) -> SomeRig:
 
 
 class Silence:
-    """A device that can be made not to hear."""
+    """A device whose link can be cut."""
 
     def __init__(self, *devices: Device) -> None:
         self._devices = devices
@@ -146,14 +146,14 @@ def by_hand(stack: ExitStack) -> SomeRig:
     """A hand that types the load after a moment."""
     typed: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     stack.callback(typed.put, None)
-    asked_s = [0.0]
+    last_command_s = [0.0]
 
     def shown(line: str) -> None:
         if line.startswith("in "):
-            asked_s[0] = time.monotonic()
+            last_command_s[0] = time.monotonic()
             typed.put("49.5")
         elif line.startswith("STOP"):
-            asked_s[0] = 0.0
+            last_command_s[0] = 0.0
 
     def lines() -> Iterator[str]:
         for line in iter(typed.get, None):
@@ -211,7 +211,7 @@ def test_no_load_frame_keeps_the_contract_as_far_as_it_has_one(name: str) -> Non
 
 
 class Runaway:
-    """A driver that says stopped and moves on."""
+    """A driver that reports stopped and moves on."""
 
     def __init__(self) -> None:
         self._inner = null.open_load_frame({}, CLOCK)

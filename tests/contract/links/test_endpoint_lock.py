@@ -34,7 +34,7 @@ from .processes import WallClock
 
 @contextlib.contextmanager
 def process(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A process that reserves an endpoint, and what it says."""
+    """A process that reserves an endpoint, and its output."""
     holder = subprocess.Popen(
         [sys.executable, str(Path(__file__).with_name("endpoint_holder.py")), *words],
         stdin=subprocess.PIPE,

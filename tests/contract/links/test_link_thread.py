@@ -43,7 +43,7 @@ IDENTITY = DeviceIdentity("few lines", simulated=True, stop_on_link_loss=StopOnL
 
 @dataclass
 class FewLines:
-    """A load frame that notes what it is asked, and when."""
+    """A load frame that records its requests, with their times."""
 
     calls: list[tuple[str, float]] = field(default_factory=list)
     identity: DeviceIdentity = IDENTITY
@@ -51,7 +51,7 @@ class FewLines:
     motion: MotionState = MotionState.STOPPED
     trouble: dict[str, Exception] = field(default_factory=dict)
     opened: int = 0
-    moves_when_told: bool = False
+    obeys: bool = False
     answers: threading.Event = field(default_factory=threading.Event)
     """Cleared, a reading hangs after it was noted as `reading`."""
 
@@ -77,7 +77,7 @@ class FewLines:
 
     def ramp_to(self, force_n: float, rate_n_s: float) -> None:
         self.note("ramp_to")
-        if self.moves_when_told:
+        if self.obeys:
             self.motion = MotionState.MOVING
 
     def stop(self) -> None:
@@ -106,7 +106,7 @@ class Listener:
 
 @contextmanager
 def linked(open_device: Callable, heard: Callable[[Event], None], *, fed: bool = True, limits: Limits = LIMITS) -> Iterator[DeviceLink]:
-    """An open link, fed from a thread unless told otherwise, and then often enough on any computer."""
+    """An open link, fed from a thread by default, and then often enough on any computer."""
     dead_man_s = 30.0 if fed else DEAD_MAN_S
     link = DeviceLink(Device.LOAD_FRAME, open_device, heard, clock=CLOCK, limits=limits, poll_s=0.02, dead_man_s=dead_man_s)
     over = threading.Event()
@@ -177,29 +177,29 @@ def test_when_control_stops_feeding_the_device_is_stopped_once_and_takes_nothing
         wait_until(lambda: link.keep_alive() or heard.of(CommandAcknowledged))
 
 
-def test_a_limit_stops_the_device_before_anybody_is_told() -> None:
+def test_a_limit_stops_the_device_before_it_is_reported() -> None:
     device, heard = FewLines(motion=MotionState.STOPPED), Listener()
-    told_s: list[float] = []
+    reported_s: list[float] = []
 
     def listen(event: Event) -> None:
         heard(event)
         if isinstance(event, LoadReading) and event.sample.force_n > 1000.0:
-            told_s.append(time.monotonic())
+            reported_s.append(time.monotonic())
 
     with linked(device.open, listen):
         wait_until(lambda: len(heard.of(LoadReading)) > 2)
         device.force_n = 1001.0
-        wait_until(lambda: len(told_s) > 3)
+        wait_until(lambda: len(reported_s) > 3)
     violated_s = next(e.sample.mono_ns / 1e9 for e in heard.of(LoadReading) if e.sample.force_n > 1000.0)
     stop_s = device.times("stop")[0]
-    assert violated_s <= stop_s <= told_s[0]
-    # At once: the device is asked for nothing in between, and no waiting was done, but the scheduler's.
+    assert violated_s <= stop_s <= reported_s[0]
+    # At once: nothing is requested of the device in between, and no waiting was done, but the scheduler's.
     assert [what for what, at_s in device.calls if violated_s < at_s < stop_s] == []
     assert heard.of(DeviceStopped)[0].reason == "the load is 1001.0 N, outside the limits -50 to 1000 N"
     assert len(heard.of(DeviceStopped)) == 1
 
 
-def test_a_sudden_fall_of_the_load_stops_the_device_before_anybody_is_told() -> None:
+def test_a_sudden_fall_of_the_load_stops_the_device_before_it_is_reported() -> None:
     device, heard = FewLines(force_n=500.0), Listener()
     with linked(device.open, heard, limits=replace(LIMITS, force_drop_max_n=50.0)) as link:
         link.send(RampTo(600.0, 10.0))
@@ -268,7 +268,7 @@ def test_a_server_that_dies_in_a_ramp_and_comes_back_is_stopped_and_never_moved(
         with peer(port=bench.port) as again:
             count = len(heard.of(LoadReading))
             wait_until(lambda: len(heard.of(LoadReading)) > count + 5)
-            # The stop is written by itself and once more by the new link; nothing else is ordered.
+            # The stop is written by itself and again by the new link; nothing else is ordered.
             assert 1 <= again.commands <= 4
             assert again.last_command == 2
 
@@ -287,7 +287,7 @@ def test_a_short_hiccup_at_rest_changes_nothing() -> None:
 
 
 def test_a_failure_on_the_way_stops_at_the_first_chance() -> None:
-    device, heard = FewLines(moves_when_told=True), Listener()
+    device, heard = FewLines(obeys=True), Listener()
     with linked(device.open, heard) as link:
         link.send(RampTo(10.0, 1.0))
         wait_until(lambda: heard.of(CommandAcknowledged))
@@ -295,7 +295,7 @@ def test_a_failure_on_the_way_stops_at_the_first_chance() -> None:
         wait_until(lambda: len(device.times("stop")) > 1)
         names = [name for name, _ in device.calls]
         assert names[names.index("close") :][:3] == ["close", "open", "stop"]
-        # What cannot be read may still take orders: the link that failed was told first.
+        # A device that cannot be read may still take orders: the link that failed got the stop first.
         assert names[names.index("close") - 1] == "stop"
         assert "no answer" in heard.of(DeviceStopped)[0].reason
 
@@ -358,7 +358,7 @@ def test_a_device_that_moves_when_the_link_opens_is_stopped() -> None:
 
 
 @pytest.mark.parametrize("error", [LinkRefused("nobody answers"), BadConfig("no such key")])
-def test_what_goes_wrong_at_opening_is_the_openers_to_hear(error: Exception) -> None:
+def test_an_error_at_opening_is_raised_to_the_opener(error: Exception) -> None:
     device = FewLines(trouble={"open": error})
     link = DeviceLink(Device.LOAD_FRAME, device.open, Listener(), clock=CLOCK, limits=LIMITS)
     with pytest.raises(type(error), match=str(error)):
@@ -367,7 +367,7 @@ def test_what_goes_wrong_at_opening_is_the_openers_to_hear(error: Exception) -> 
 
 
 def test_closing_stops_a_device_whose_link_was_down() -> None:
-    device, heard = FewLines(moves_when_told=True), Listener()
+    device, heard = FewLines(obeys=True), Listener()
     with linked(device.open, heard) as link:
         link.send(RampTo(10.0, 1.0))
         wait_until(lambda: heard.of(CommandAcknowledged))

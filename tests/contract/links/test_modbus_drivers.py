@@ -186,7 +186,7 @@ def test_a_stage_stops_without_an_answer_and_its_link_must_then_be_opened_again(
     again.close()
 
 
-def test_a_stage_moves_where_it_is_told(bench: Peer) -> None:
+def test_a_stage_moves_to_its_commanded_position(bench: Peer) -> None:
     stage = open_stage({"port": bench.port, "kind": "beam"}, CLOCK)
     assert isinstance(stage, Stage)
     assert stage.kind is StageKind.BEAM

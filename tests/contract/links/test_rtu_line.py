@@ -32,7 +32,7 @@ from .emulated import Device, over_rtu
 from .processes import wait_until
 
 TIMEOUT_S = 0.4
-"""Long beside what a busy computer takes for an answer that is not late."""
+"""Long compared with the time that a busy computer takes for an answer that is not late."""
 
 
 class Lateness:
@@ -95,9 +95,9 @@ def test_a_silent_unit_is_probed_shortly_so_that_a_stop_does_not_wait(opened: Ca
     lateness.planned = [5.0, 5.0]
     with pytest.raises(NoReply):
         link.read(Block(Kind.HOLDING, 10, 2))
-    begun_s = time.monotonic()
+    start_s = time.monotonic()
     assert not link.resync()
-    assert time.monotonic() - begun_s < 0.9 * TIMEOUT_S
+    assert time.monotonic() - start_s < 0.9 * TIMEOUT_S
 
 
 def test_late_answers_to_the_probes_themselves(opened: Callable[[], RtuLink], lateness: Lateness) -> None:

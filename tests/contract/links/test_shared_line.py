@@ -73,7 +73,7 @@ def test_a_device_that_falls_silent_or_is_late_does_not_harm_its_neighbour(
     late[:] = [0.6]
     with pytest.raises(LinkError, match=f"unit {STAGE} gave no answer"):
         stage.read(Block(Kind.HOLDING, 3, 1))
-    # The stage's answer comes while the frame asks: it is nobody's, and the frame's own is asked for again.
+    # The stage's answer comes while the frame asks: it is nobody's, and the frame's own is requested again.
     try:
         assert frame.read(Block(Kind.HOLDING, 3, 1)) == (1003,)
     except LinkError:

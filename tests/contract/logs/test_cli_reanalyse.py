@@ -28,7 +28,7 @@ Semlive = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture(scope="module")
 def logs(short: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """A good log, a torn one, the good one again in another folder under the same name."""
+    """A good log, a truncated one, the good one again in another folder under the same name."""
     folder = tmp_path_factory.mktemp("campaign")
     (folder / "again").mkdir()
     torn = folder / "torn.mcap"
@@ -84,11 +84,11 @@ def test_nobody_at_the_scheduler_s_address(semlive: Semlive, short: Path, tmp_pa
     assert "--dask nonsense://nowhere: the scheduler does not reply" in err
 
 
-def dying(asked: ReplayRequest, name: str, part: str) -> LogOutcome:
+def dying(request: ReplayRequest, name: str, part: str) -> LogOutcome:
     """A process that the system kills while it works on one of the logs."""
-    if asked.log.name.startswith("torn"):
+    if request.log.name.startswith("torn"):
         os.kill(os.getpid(), signal.SIGKILL)
-    return analyse_log(asked, name, part)
+    return analyse_log(request, name, part)
 
 
 def test_a_process_that_dies_takes_no_other_log_with_it(logs: list[Path], tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ class Record:
                 self.tell(CommandAcknowledged(self.now_ns, device))
 
     def check_waiting(self, transition: Transition) -> None:
-        """A hold is never shorter than it must be nor longer than it may; the gate opens by the forecast or by the operator's word."""
+        """A hold is never shorter than it must be nor longer than it may; the gate opens by the forecast or by the operator's command."""
         rule, gate = self.state.plan.adaptive_hold, self.state.plan.warm_up
         if transition.cause is Cause.HOLD_COMPLETE:
             held_s = (transition.time_ns - [t for t, state in self.entered if state is State.HOLDING][-1]) / S
@@ -149,10 +149,10 @@ class Record:
             self.pass_time(0.5)
 
     def export(self, began_ns: int) -> None:
-        known = Provenance.FILE
-        timing = ScanTiming(Sourced(1e-4, known), Sourced(FRAME_S / 884, known), Sourced(FRAME_S, known), Sourced(1, known))
+        source = Provenance.FILE
+        timing = ScanTiming(Sourced(1e-4, source), Sourced(FRAME_S / 884, source), Sourced(FRAME_S, source), Sourced(1, source))
         number = len(self.exported)
         self.exported.append(number)
-        pixel = Sourced(1e-6, known)
-        info = FrameInfo(number, f"{number}.tif", "fei", 1024, 884, 0, timing, Sourced(began_ns, known), 0.3, pixel)
+        pixel = Sourced(1e-6, source)
+        info = FrameInfo(number, f"{number}.tif", "fei", 1024, 884, 0, timing, Sourced(began_ns, source), 0.3, pixel)
         self.tell(FrameScanned(self.now_ns, info))

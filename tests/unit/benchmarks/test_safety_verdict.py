@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from peer_frame.kept import keep, kept
+from peer_frame.kept import keep, read_stored
 from peer_frame.page import line
 from peer_frame.scenario import Ending, Expected, Fault, Group, Observed, Scenario
 from peer_frame.truth import (
@@ -139,8 +139,8 @@ def test_each_deviation_fails(change: dict, failing: str) -> None:
         (Ending.REFUSED, {"exit_code": 2, "moved": False}, True),
         (Ending.REFUSED, {"exit_code": 2, "moved": True}, False),
         (Ending.REFUSED, {"exit_code": 0, "moved": False}, False),
-        (Ending.ASKED, {"faults": (), "asked": True}, True),
-        (Ending.ASKED, {"faults": (), "asked": False}, False),
+        (Ending.PROMPTED, {"faults": (), "asked": True}, True),
+        (Ending.PROMPTED, {"faults": (), "asked": False}, False),
         (Ending.RECOVERED, {"exit_code": 0}, True),
         (Ending.RECOVERED, {"exit_code": 1}, False),
         (Ending.COMPLETE, {"exit_code": 0, "faults": ()}, True),
@@ -173,7 +173,7 @@ def test_safety_bars_are_counted_as_documented() -> None:
 
 def test_stored_verdicts_are_read_back(tmp_path: Path) -> None:
     path = tmp_path / "found.jsonl"
-    assert kept(path) == {}
+    assert read_stored(path) == {}
     keep(path, "freeze", OBSERVED)
     keep(path, "freeze", replace(OBSERVED, peak_n=1.0))
-    assert kept(path) == {"freeze": replace(OBSERVED, peak_n=1.0)}
+    assert read_stored(path) == {"freeze": replace(OBSERVED, peak_n=1.0)}

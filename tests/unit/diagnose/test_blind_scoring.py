@@ -10,7 +10,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.cases import CONFOUNDED, DEFORMED_LAW, GRID, LEFT_OUT, NOTHING, ONE, STRANGER, TWO, Case, Counts, cases, peak_px
+from blind.cases import CONFOUNDED, DEFORMED_LAW, GRID, NOTHING, ONE, REMOVED, STRANGER, TWO, Case, Counts, cases, peak_px
 from blind.deformed import DEFORMED
 from blind.experiment import beyond_shear_px, hidden, largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, PROTOTYPE_PX
@@ -88,7 +88,7 @@ def test_a_wrong_row_time_that_looks_like_a_shear_need_not_be_named_but_not_misn
 
 
 def test_seeds_of_the_final_set_are_never_those_of_development() -> None:
-    counts = Counts(seeds=16, nulls=773, doubles=50, strange=25, deformed=5, left_out=3, confounded=30)
+    counts = Counts(seeds=16, nulls=773, doubles=50, strange=25, deformed=5, removed=3, confounded=30)
     requests = {"counts": counts, "sizes": (2.0, 4.0), "names": tuple(DETECTABLE_PX)}
     development, final = ({(item.seed) for item in cases(which, **requests)} for which in ("development", "final"))
     assert not development & final
@@ -99,8 +99,8 @@ def test_seeds_of_the_final_set_are_never_those_of_development() -> None:
 
 
 def test_what_is_left_out_is_not_in_the_dictionary_and_a_deformed_law_is_another() -> None:
-    left_out, usual = Case(LEFT_OUT, ("stage_yaw",), 8.0, 1), Case(ONE, ("stage_yaw",), 8.0, 1)
-    assert {item.name for item in usual.dictionary()} - {item.name for item in left_out.dictionary()} == {"stage_yaw"}
+    removed, usual = Case(REMOVED, ("stage_yaw",), 8.0, 1), Case(ONE, ("stage_yaw",), 8.0, 1)
+    assert {item.name for item in usual.dictionary()} - {item.name for item in removed.dictionary()} == {"stage_yaw"}
     for name in DEFORMED:
         bent = Case(DEFORMED_LAW, (name,), 8.0, 3)
         assert largest_px(bent.conditions(), bent.effects()) == pytest.approx(peak_px(name, 8.0), rel=2e-2)

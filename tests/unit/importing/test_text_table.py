@@ -23,7 +23,7 @@ from semlive.inputs.text_table import (
 
 
 def read(text: str | bytes, *selected: str | int, given: Convention | None = None, searched: int = 1) -> tuple[Layout, list[list[float]]]:
-    """The wanted numbers of every line."""
+    """The selected numbers of every line."""
 
     def places(columns: tuple[Column, ...]) -> tuple[int, ...]:
         keys = [column.key for column in columns]
