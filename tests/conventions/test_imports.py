@@ -143,7 +143,7 @@ def test_the_tree_keeps_its_contracts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", range(len(BREAKS)), ids=lambda number: "-".join(BREAKS[number]))
-def test_breaking_a_contract_is_seen(violations: tuple[dict[str, str], list[str]], number: int) -> None:
+def test_breaking_a_contract_is_reported(violations: tuple[dict[str, str], list[str]], number: int) -> None:
     printed, modules = violations
     contract, _, statement = BREAKS[number]
     imported = re.escape(statement.replace("from semlive import ", "import semlive.").split()[1].split(".")[0])

@@ -34,29 +34,29 @@ from semlive.service.log.tail import LogTail
 class Clock:
     def now_ns(self): return time.time_ns()
     def mono_ns(self): return time.monotonic_ns()
-log, switches, wanted, at = Path(sys.argv[1]), Path(sys.argv[2]), json.loads(sys.argv[3]), int(sys.argv[4])
-said, behind, tail, followed = [], [], LogTail(log), []
+log, switches, failures, at = Path(sys.argv[1]), Path(sys.argv[2]), json.loads(sys.argv[3]), int(sys.argv[4])
+warnings, behind, tail, followed = [], [], LogTail(log), []
 def switch(names):
     for name, count in names.items():
         (switches / name).write_text(str(count))
 if at < 0:
-    switch(wanted)
-recorder = Recorder(log / "run.000.mcap", Clock(), said.append, retry_after_s=0.05)
+    switch(failures)
+recorder = Recorder(log / "run.000.mcap", Clock(), warnings.append, retry_after_s=0.05)
 recorder.write("/run", RunMessage(run="run", started_time_ns=1, host="here", versions={}, config={}))
 for number in range(30):
-    told = dict(size=100000, sha256="", mtime_ns=0, arrival_time_ns=0, decision="arrived", reason="")
+    description = dict(size=100000, sha256="", mtime_ns=0, arrival_time_ns=0, decision="arrived", reason="")
     recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="x"))
-    recorder.write("/sem/file", FileMessage(export=number, name=f"image{number:03d}.tif", **told))
+    recorder.write("/sem/file", FileMessage(export=number, name=f"image{number:03d}.tif", **description))
     if number == at:
-        switch(wanted)
+        switch(failures)
     recorder.write("/sem/original", bytes([number]) * 100000, sequence=number)
     recorder.flush(0.3)
     behind.append(recorder.backlog_message)
     followed += [one.sequence for one in tail.poll() if one.topic == "/sem/original"]
 began_s = time.monotonic()
-whole = recorder.close(10.0, 1.0)
+complete = recorder.close(10.0, 1.0)
 followed += [one.sequence for one in tail.poll() if one.topic == "/sem/original"]
-print(json.dumps(dict(said=said, behind=[one for one in behind if one], whole=whole, ended_in_s=time.monotonic() - began_s,
+print(json.dumps(dict(warnings=warnings, behind=[one for one in behind if one], complete=complete, ended_in_s=time.monotonic() - began_s,
                       unacknowledged=recorder.unacknowledged, followed=followed)))
 """
 

@@ -1,4 +1,4 @@
-"""The microscope scans when it is asked to: the same experiment as with one that scans all the time, in less time."""
+"""The microscope scans on request: the same experiment as with one that scans all the time, in less time."""
 
 from __future__ import annotations
 
@@ -63,10 +63,10 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ran]:
         mode: subprocess.Popen([*command, str(root / mode), *options[mode]], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         for mode in MODES
     }
-    said = {mode: process.communicate(timeout=250)[0] for mode, process in started.items()}
+    printed = {mode: process.communicate(timeout=250)[0] for mode, process in started.items()}
     ran = {}
     for mode, process in started.items():
-        assert process.returncode == 0, said[mode]
+        assert process.returncode == 0, printed[mode]
         log: dict[str, list[dict[str, Any]]] = {}
         for message in messages(root / mode / "log" / "demo"):
             if message.topic in ("/state", "/pair", "/command", "/sem/file", "/sem/scan", "/fault", "/result"):
@@ -87,13 +87,13 @@ def test_the_run_completes(demos: dict[str, Ran], mode: str) -> None:
 def test_no_frame_is_scanned_in_vain_after_the_first_step(demos: dict[str, Ran]) -> None:
     ran = demos["triggered"]
     exports = [scan["export"] for scan in ran.log["/sem/scan"]]
-    # How well a start time is known is learned from the first frame: that one alone may have been asked for too early.
+    # The uncertainty of a start time is learned from the first frame: only that frame may have been requested too early.
     first_of_second_step = ran.paired[2]
     assert [export for export in exports if export >= first_of_second_step] == ran.paired[2:]
     assert len(exports) <= 2 * PAIRS + 1
-    # What was asked for is what was scanned, and what was scanned is in the log.
-    asked = [command for command in ran.log["/command"] if command["what"] == "trigger"]
-    assert len(asked) == len(exports) == len(ran.truth["frames"])
+    # Every request was scanned, and every scan is in the log.
+    triggers = [command for command in ran.log["/command"] if command["what"] == "trigger"]
+    assert len(triggers) == len(exports) == len(ran.truth["frames"])
     assert not any(frame["moving"] for frame in ran.truth["frames"])
 
 

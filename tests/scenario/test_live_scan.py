@@ -125,7 +125,7 @@ def test_the_memory_of_motion_reaches_over_a_long_frame() -> None:
         assert window.motion.time_s[-1] >= end_s - STEP_NS * 1e-9
 
 
-def test_shifts_of_the_beam_are_remembered_apart_from_the_stage() -> None:
+def test_beam_shifts_are_stored_separately_from_stage_moves() -> None:
     machine = LoadTrain(PAPER, 0)
     machine.move_stage(10.0, 0.0)
     machine.advance_to(5_000_000_000)

@@ -64,7 +64,7 @@ class Bar:
         share = self.count / self.total
         met = bound <= self.limit if self.below else bound >= self.limit
         printed = "met" if met else "open" if (share <= self.limit if self.below else share >= self.limit) else "missed"
-        return f"| {self.about} | {self.total} | {100 * share:.1f} % | {100 * bound:.1f} % | {self._asked()} | {printed} |"
+        return f"| {self.about} | {self.total} | {100 * share:.1f} % | {100 * bound:.1f} % | {self._required()} | {printed} |"
 
     def _required(self) -> str:
         return f"{'at most' if self.below else 'at least'} {100 * self.limit:g} %"

@@ -77,7 +77,7 @@ def test_a_load_frame_without_commands_stops_its_ramp_by_its_watchdog(ready: dic
         again.ramp_to(5000.0, 10.0)
     again.stop()
     assert again.read().motion is MotionState.STOPPED
-    # A device that may be moving is commanded to stop when its link closes, and keeps its watchdog, which would stop the stage of the next test.
+    # A device that may be moving gets a stop when its link closes, and keeps its watchdog, which would stop the stage of the next test.
     device.close()
     again.stop()
     again.close()

@@ -60,7 +60,7 @@ def test_strain_and_elastic_constants_come_out_right(imported: Path, experiment:
     assert abs(modulus["value"] - 71.1) < 4 * modulus["sigma"] < 4.0
     assert abs(ratio["value"] - 0.33) < 4 * ratio["sigma"] < 0.1
     for frame in expected["frames"]:
-        truth = experiment.pairs[frame["pair"]].seen[-1].gradient
+        truth = experiment.pairs[frame["pair"]].observed[-1].gradient
         assert abs(frame["strain_mean"]["eyy"] - truth[1, 1]) < 5 * frame["strain_mean_sigma"]["eyy"] + 1e-6
     assert [frame["frame"] for frame in expected["frames"]] == list(range(24))
 

@@ -1,4 +1,4 @@
-"""What is hidden misleads choices that the estimate makes before it has a name: they are made again beside it."""
+"""A hidden effect biases early choices of the estimate: they are made again with that effect in the model."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_jump_next_to_a_distortion_that_drifts_leaves_no_third_name() -> None:
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, set(both))
 
 
-def test_amplitudes_of_known_effects_come_first_and_those_of_named_ones_last() -> None:
+def test_amplitudes_of_model_effects_come_first_and_those_of_new_effects_last() -> None:
     columns = cast(Any, SimpleNamespace(sizes_px=np.zeros(2 + 440 + 4)))
     fields = [np.zeros((1, 1, 2, q)) for q in (2, 1, 3)]
 

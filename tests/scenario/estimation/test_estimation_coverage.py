@@ -1,4 +1,4 @@
-"""Stated intervals hold what they say, in short: four experiments; docs/validation/estimation.md has the table over many more."""
+"""Coverage of stated intervals, short form: four experiments; docs/validation/estimation.md has the table over many more."""
 
 from __future__ import annotations
 

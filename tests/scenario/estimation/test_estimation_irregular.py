@@ -57,7 +57,7 @@ def failing(dmap: DisparityMap, bad: np.ndarray, status: PoiStatus) -> Disparity
 
 
 def honest(found: Outcome) -> None:
-    """The bars of a whole run, and errors as large as they are said to be."""
+    """The bars of a complete run, and errors as large as stated."""
     assert found.drift_error_px.max() <= 0.02
     assert 0.3 < np.sqrt(np.mean(np.clip(found.strain_z, -4, 4) ** 2)) < 1.6
 
@@ -68,7 +68,7 @@ def taken(world: Callable[..., Any], plans: dict[str, list[Any]]) -> tuple[Any, 
     return item, list(item.pairs(plans["short"]))
 
 
-def test_points_that_fail_here_and_there_and_a_corner_that_is_never_seen(taken: tuple[Any, list[Any]]) -> None:
+def test_scattered_failed_points_and_an_invisible_corner(taken: tuple[Any, list[Any]]) -> None:
     """A fifth of all subsets fails in each map, others in each; a corner is masked; one map has lost its lower half."""
     world, pairs = taken
     rng, corner = np.random.default_rng(3), np.zeros(world.grid.shape, dtype=bool)
