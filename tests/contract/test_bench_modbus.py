@@ -79,7 +79,7 @@ def bench(tmp_path: Path, mode: str) -> Iterator[Served]:
 
 
 @pytest.mark.parametrize("mode", ["continuous"], indirect=True)
-def test_the_whole_conversation_with_the_load_frame(bench: Served) -> None:
+def test_the_complete_protocol_with_the_load_frame(bench: Served) -> None:
     first = bench.inputs(0, 16)
     assert first[:4] == [0x5E31, 1, 3, 0]
     assert abs(read_f32(first[4:6])) < 6

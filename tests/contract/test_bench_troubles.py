@@ -134,7 +134,7 @@ def test_a_master_gets_the_truth_or_an_error_and_then_the_truth_again(bench: Tro
 
 
 @pytest.mark.parametrize("line", ["tcp", "rtu"])
-def test_a_reply_later_than_the_masters_patience_is_an_error(bench: Troubled, line: str) -> None:
+def test_a_reply_later_than_the_masters_timeout_is_an_error(bench: Troubled, line: str) -> None:
     with bench.master(line) as client:
         bench.order(LineFault.LATE, line, wait_s=2 * TIMEOUT_S)
         assert requested(client, 0, 2) is None

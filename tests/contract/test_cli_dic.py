@@ -163,7 +163,7 @@ def test_uniform_rows_are_no_reason_to_refuse_an_image(folder):
     assert 0.5 < figures["converged"] / figures["points"] < 0.95
 
 
-def test_a_mask_leaves_points_out(folder):
+def test_a_mask_excludes_points(folder):
     mask = np.full((100, 120), 255, dtype=np.uint8)
     mask[:, :60] = 0
     cv2.imwrite(str(folder / "mask.png"), mask)
@@ -185,7 +185,7 @@ def test_other_splines_shapes_and_searches(folder, options):
     assert json.loads(result.stdout)["converged"] == 120
 
 
-def test_large_frames_are_worked_on_in_bands_and_nobody_sees_it(folder, monkeypatch):
+def test_processing_a_large_frame_in_bands_does_not_change_the_result(folder, monkeypatch):
     mask = np.full((100, 120), 255, dtype=np.uint8)
     mask[30:50, 40:60] = 0
     cv2.imwrite(str(folder / "mask.png"), mask)
@@ -223,7 +223,7 @@ def test_a_wrong_file_is_reported_before_anything_is_written(folder):
         (["ref.tif", "a.tif", "b.tif", "--out", "text.tif"], "cannot be made"),
     ],
 )
-def test_bad_input_is_one_sentence(folder, monkeypatch, arguments, message):
+def test_bad_input_gives_one_error_line(folder, monkeypatch, arguments, message):
     monkeypatch.chdir(folder)
     result = run(*arguments)
     assert result.stdout == ""

@@ -88,14 +88,14 @@ def test_another_device_is_reported_in_a_table_and_by_the_exit_code(bench: tuple
         (["bench", "--force-reads", "about 3"], "--force-reads is 'about 3'; give the digits of the device's panel"),
     ],
 )
-def test_what_is_wrong_is_one_sentence(check: Check, arguments: list[str], sentence: str) -> None:
+def test_bad_input_gives_one_error_line(check: Check, arguments: list[str], sentence: str) -> None:
     code, out, error = check(*arguments)
     assert (code, out) == (2, "")
     assert error.startswith(sentence)
     assert len(error.splitlines()) == 1
 
 
-def test_a_machine_that_listens_and_never_answers_is_one_sentence(check: Check) -> None:
+def test_a_device_that_accepts_and_never_answers_gives_one_error_line(check: Check) -> None:
     with socket.create_server(("127.0.0.1", 0)) as deaf:
         code, out, error = check("bench", "--port", str(deaf.getsockname()[1]), "--timeout-s", "0.2")
     assert (code, out) == (2, "")

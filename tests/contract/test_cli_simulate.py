@@ -156,7 +156,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(played: Path, t
     assert all(other[name][0] != first[name][0] for name in other)
 
 
-def test_chosen_frames_are_those_of_the_whole_experiment(played: Path, tmp_path: Path) -> None:
+def test_selected_frames_equal_those_of_the_complete_experiment(played: Path, tmp_path: Path) -> None:
     code, out, err = semlive(scenario_file(tmp_path), "--out", tmp_path / "some", "--frames", "3,8-9", "--json")
     assert code == 0, err
     assert json.loads(out) == {
@@ -186,7 +186,7 @@ def test_shifts_by_the_beam_are_quick_and_crooked(tmp_path: Path) -> None:
     assert frame["stage_px"] == pytest.approx([x_px, y_px], abs=0.02)
 
 
-def test_a_planned_emergency_stop_ends_the_experiment_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_planned_emergency_stop_ends_the_experiment_with_one_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = scenario_file(tmp_path)
     path.write_text(path.read_text() + "faults: [{at_s: 345.0, what: emergency_stop, lasts_s: 10.0}]\n")
     assert frames(path, "--out", tmp_path / "out", "--frames", "0,7") == 2
@@ -203,7 +203,7 @@ def test_a_planned_emergency_stop_ends_the_experiment_in_one_sentence(tmp_path: 
         ("short", ["--frames", "18"], "frames 0-17"),
     ],
 )
-def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path: Path, scenario: str, options: list[str], says: str) -> None:
+def test_bad_input_gives_one_error_line_and_exit_code_2(tmp_path: Path, scenario: str, options: list[str], says: str) -> None:
     code, out, err = semlive(scenario, "--out", tmp_path / "out", *options)
     assert (code, out) == (2, "")
     assert not (tmp_path / "out").exists()

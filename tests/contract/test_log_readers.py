@@ -129,13 +129,13 @@ def test_every_schema_is_one_and_viewers_understand_it(topic: str) -> None:
     viewers_understand(schema, topic)
 
 
-def test_payloads_fit_their_schemas_and_foxglove_encodes_the_same_pictures(log: Path) -> None:
+def test_payloads_fit_their_schemas_and_foxglove_encodes_the_same_images(log: Path) -> None:
     newest = check_messages(log)
     assert newest["/drift/estimate"]["x_px"] == newest["/drift/estimate"]["drift_px"][-1][0]
     assert newest["/elastic"]["youngs_modulus_gpa"]["value"] == 71.0
 
 
-def test_pictures_are_lossless_and_fields_are_shown_to_the_last_bit(log: Path) -> None:
+def test_images_are_lossless_and_fields_are_shown_to_the_last_bit(log: Path) -> None:
     shown: dict[str, dict[int, Any]] = {}
     with log.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])

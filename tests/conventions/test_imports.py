@@ -150,7 +150,7 @@ def test_breaking_a_contract_is_reported(violations: tuple[dict[str, str], list[
     assert re.search(rf"^\W*{re.escape(modules[number])}( -> {imported}\b|$)", printed[contract], re.MULTILINE)
 
 
-def test_what_the_house_allows_passes(tmp_path: Path) -> None:
+def test_allowed_imports_pass(tmp_path: Path) -> None:
     copy = copy_to(tmp_path)
     for number, (file, statement) in enumerate(ALLOWED):
         planted(copy, number, file, statement)

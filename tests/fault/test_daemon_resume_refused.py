@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 
-def test_a_machine_that_stands_elsewhere_is_not_moved_without_asking(patient: Any, wait_until: Callable[..., None]) -> None:
+def test_a_machine_at_another_position_is_not_moved_without_confirmation(patient: Any, wait_until: Callable[..., None]) -> None:
     patient.start().reach("ramping")
     wait_until(lambda: any(item["force_n"] > 15.0 for item in patient.logged("/load_frame/sample")))
     patient.daemon.send_signal(signal.SIGINT)

@@ -128,9 +128,7 @@ def test_a_folder_whose_fsync_fails_keeps_the_finished_segment(record: Callable[
     assert "check the disk" in reported["said"][0]
 
 
-def test_a_disk_that_stays_full_leaves_what_it_took_and_another_disk_takes_the_recovered_log(
-    record: Callable[..., dict[str, Any]], tmp_path: Path
-) -> None:
+def test_a_full_disk_keeps_its_part_and_another_disk_takes_the_recovered_log(record: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     reported = record({"full": 100_000})
     log = tmp_path / "log"
     assert not reported["whole"]

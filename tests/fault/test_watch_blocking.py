@@ -71,7 +71,7 @@ def test_links_to_kernel_files_and_devices_are_refused_and_other_files_are_taken
     assert "never became complete" in reasons["a.tif"]
 
 
-def test_a_read_that_does_not_return_is_named_and_others_go_on(tmp_path: Path) -> None:
+def test_a_read_that_does_not_return_is_named_and_others_continue(tmp_path: Path) -> None:
     go_on = threading.Event()
 
     def hangs(path: Path, size: int) -> bytes:
@@ -168,7 +168,7 @@ def test_another_days_folder_in_its_place_is_reported_and_nothing_is_taken_from_
     assert watched.refused == []
 
 
-def test_the_old_folder_put_back_goes_on_without_a_word(tmp_path: Path) -> None:
+def test_the_restored_folder_continues_without_a_message(tmp_path: Path) -> None:
     path = tmp_path / "export"
     path.mkdir()
     watched = Watched(path).open()

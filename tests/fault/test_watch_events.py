@@ -67,7 +67,7 @@ def test_events_wake_scans_that_would_come_in_a_minute_and_all_threads_end(tmp_p
     assert [file.data for file in files] == written
 
 
-def test_reading_a_file_wakes_nothing(tmp_path: Path, observe: Callable[[Path], Observed]) -> None:
+def test_reading_a_file_triggers_no_scan(tmp_path: Path, observe: Callable[[Path], Observed]) -> None:
     (tmp_path / "a.tif").write_bytes(image(1))
     observed = observe(tmp_path)
     (tmp_path / "a.tif").read_bytes()

@@ -50,7 +50,7 @@ def watched(tmp_path: Path) -> Watched:
     return Watched(tmp_path, WatchSettings(tmp_path, stable_for_s=2.0, give_up_after_s=20.0)).open()
 
 
-def test_a_file_is_delivered_once_with_its_bytes_after_it_stood_still(watched: Watched) -> None:
+def test_a_file_is_delivered_once_with_its_bytes_after_it_was_unchanged(watched: Watched) -> None:
     (watched.path / "a.tif").write_bytes(image(1))
     watched.wait(1)
     assert watched.files == []
@@ -64,7 +64,7 @@ def test_a_file_is_delivered_once_with_its_bytes_after_it_stood_still(watched: W
     assert watched.refused == []
 
 
-def test_a_slowly_written_file_is_delivered_whole(watched: Watched) -> None:
+def test_a_slowly_written_file_is_delivered_complete(watched: Watched) -> None:
     data = image(1)
     for end in range(100, len(data), 300):
         (watched.path / "a.tif").write_bytes(data[:end])
@@ -156,7 +156,7 @@ def test_files_from_before_are_no_files_of_this_run(tmp_path: Path) -> None:
     assert [(file.name, file.index) for file in adopting.files] == [("old.tif", 5)]
 
 
-def test_a_file_that_never_becomes_whole_is_refused_once_and_taken_if_it_does_later(watched: Watched) -> None:
+def test_an_incomplete_file_is_refused_once_and_taken_if_completed_later(watched: Watched) -> None:
     (watched.path / "a.tif").write_bytes(image(1)[:700])
     watched.wait(60)
     [refused] = watched.refused
@@ -186,7 +186,7 @@ def test_a_file_deleted_before_it_was_complete_is_reported(watched: Watched) -> 
     assert "disappeared" in watched.refused[0].reason
 
 
-def test_a_missing_folder_is_one_sentence_and_a_vanishing_one_is_survived(tmp_path: Path) -> None:
+def test_a_missing_folder_gives_one_message_and_a_vanishing_one_is_survived(tmp_path: Path) -> None:
     with pytest.raises(BadConfig, match=r"export folder cannot be read.*sem\.folder"):
         Watched(tmp_path / "no", WatchSettings(tmp_path / "no")).open()
     path = tmp_path / "export"

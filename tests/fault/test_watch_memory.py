@@ -21,7 +21,7 @@ from .by_hand import HandClock, image
 FILES, PICTURE = 600, image(1)
 
 
-def test_it_remembers_as_a_dictionary_does_beyond_its_room() -> None:
+def test_the_registry_equals_a_dictionary_beyond_its_capacity() -> None:
     rng, registry = np.random.default_rng(1), FileRegistry(room=16)
     files: dict[str, RegisteredFile] = {}
     for number in range(2000):
@@ -94,7 +94,7 @@ def test_a_folder_takes_no_more_memory_for_more_files(tmp_path: Path) -> None:
     assert most < 20 * FILES
 
 
-def test_kinds_of_names_are_forgotten() -> None:
+def test_kinds_of_names_are_evicted() -> None:
     names = FileNumbering()
     names.check_gap("a1.tif")
     for minute in range(5000):

@@ -41,7 +41,7 @@ class Watched:
         self.folder.poll()
 
 
-def test_a_whole_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) -> None:
+def test_a_complete_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) -> None:
     item = Watched(tmp_path, {"a.tif"})
     (tmp_path / "a.tif").write_bytes(image(1))
     item.wait(100)

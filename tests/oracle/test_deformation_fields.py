@@ -91,7 +91,7 @@ GRAINS = {"defaults": "x200", "grain_px": 25.0}
 
 
 @pytest.mark.parametrize("chosen", [{"hole": HOLE}, {"notch": NOTCH}, {"grain_strain": GRAINS}, {"hole": HOLE, "grain_strain": GRAINS}])
-def test_the_picture_shows_each_point_where_the_truth_reports_it_went(chosen: dict[str, object]) -> None:
+def test_the_image_shows_each_point_at_its_true_position(chosen: dict[str, object]) -> None:
     world, force = dataclasses.replace(scene(), effects=build_effects(chosen)), 1500.0
     motion = at_rest((1.3, -0.7), world.specimen.gradient(force), force)
     column = world.column()
@@ -129,7 +129,7 @@ def test_the_truth_holds_the_field_and_its_mean() -> None:
     assert plain["strain"]["eyy"] == pytest.approx(far_strain)
 
 
-def test_a_charged_grain_bends_the_picture_and_strains_nothing() -> None:
+def test_a_charged_grain_distorts_the_image_and_strains_nothing() -> None:
     lens, force = {"defaults": "x10000", "grains_px": [[80.0, 60.0]]}, 1500.0
     motion = at_rest((0.0, 0.0), scene().specimen.gradient(force), force)
     plain, charged = (
@@ -207,7 +207,7 @@ def test_grains_are_voronoi_cells() -> None:
     assert 0.01 < (np.abs(soft - found) > 1e-9).mean() < 0.3
 
 
-def test_grains_look_different_in_the_picture() -> None:
+def test_grains_look_different_in_the_image() -> None:
     plain, grains = (
         render_frame(scene()) / 256.0,
         render_frame(scene(grain_contrast={"defaults": "x200", "width_px": 40.0, "length_px": 60.0})),

@@ -117,7 +117,7 @@ def test_the_beam_looks_where_brute_force_reports(name: str, opening: str, ellip
     assert worst < 1e-4  # found: 4.3e-7 px at most
 
 
-def test_strips_of_a_deformed_specimen_are_the_whole_frame_to_the_last_bit() -> None:
+def test_strips_of_a_deformed_specimen_equal_the_complete_frame_to_the_last_bit() -> None:
     world = load_scenario("paper_x200")
     scan = dataclasses.replace(world.scan, width_px=203, height_px=75, frame_time_s=75 * world.scan.row_time_s)
     chosen = build_effects(dict.fromkeys(("hole", "notch", "grain_strain", "grain_contrast"), "x200"))

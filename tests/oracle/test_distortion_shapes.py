@@ -53,7 +53,7 @@ def test_rows_settle_along_x_and_frames_settle_along_y() -> None:
     np.testing.assert_allclose(settling[:2], [0.5, 0.5 / np.e], rtol=1e-12)
 
 
-def test_a_scenario_names_one_and_hears_of_a_wrong_name(tmp_path) -> None:
+def test_a_scenario_names_a_shape_and_an_unknown_name_is_refused(tmp_path) -> None:
     assert load_scenario("paper_x10000").distortion == SHAPES["fig11_x10000"]
     assert load_scenario("paper_x200_fig11").distortion == SHAPES["fig11_x200"]
     path = tmp_path / "odd.yaml"

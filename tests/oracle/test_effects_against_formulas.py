@@ -246,7 +246,7 @@ def test_the_image_moves_by_the_formula(name: str, magnification: str) -> None:
     assert max(errors) < min(1e-4, 1e-7 + 0.01 * max(sizes))  # some are tiny in so small a frame
 
 
-def test_no_effect_is_forgotten() -> None:
+def test_every_effect_is_covered() -> None:
     silent = {"timestamp_offset", "load_cell_zero", "load_cell_gain", "load_cell_drift", "load_frame_compliance", "friction_hysteresis"}
     grey = {"contamination", "gamma_change", "poisson_noise", "dic_subpixel_bias"}
     retiming = {name for name, kind in LIBRARY.items() if issubclass(kind, TimingEffect)}
@@ -326,7 +326,7 @@ def test_what_shakes_the_beam_is_averaged_by_integration() -> None:
                 assert at.visit == visit
 
 
-def test_strips_see_what_the_whole_frame_sees() -> None:
+def test_effects_in_strips_equal_those_in_the_complete_frame() -> None:
     every = {name: "x200" for name in LIBRARY if name != "dic_subpixel_bias"}
     column = calm(**every).column()
     motion = at_rest(load_n=LOAD_N, history=HISTORY)

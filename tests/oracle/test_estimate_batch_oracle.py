@@ -119,7 +119,7 @@ def test_relinearised_sums_equal_sums_about_the_same_point() -> None:
     assert not np.allclose(quick.precision, state.precision)
 
 
-def test_update_leaves_the_old_state_alone() -> None:
+def test_update_does_not_change_the_old_state() -> None:
     state = accumulated()
     before = state.precision.copy(), state.information.copy(), state.reference.coupling.copy()
     rng = np.random.default_rng(1)

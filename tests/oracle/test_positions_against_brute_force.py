@@ -134,7 +134,7 @@ def film_at(film: GoldFilm, x: float, y: float) -> float:
     return 6 * t**5 - 15 * t**4 + 10 * t**3
 
 
-def test_an_integrated_frame_of_film_is_the_mean_of_what_each_visit_saw() -> None:
+def test_an_integrated_frame_of_film_is_the_mean_over_its_visits() -> None:
     world, _, jump_s = busy("paper_x10000", {})
     scan = dataclasses.replace(world.scan, width_px=40, height_px=24, frame_time_s=24 * world.scan.row_time_s * 30)
     detector = dataclasses.replace(world.detector, read_noise=0.0, shot_noise=0.0, bits=16)

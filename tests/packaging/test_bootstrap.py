@@ -107,7 +107,7 @@ def test_another_python_or_another_place_means_another_environment(
     assert json.loads((venv / "semlive-setup.json").read_text("utf-8"))["python"] == "3.99"
 
 
-def test_a_failed_installation_is_one_sentence_and_is_tried_again(go: types.ModuleType, project: Path) -> None:
+def test_a_failed_installation_gives_one_error_line_and_is_tried_again(go: types.ModuleType, project: Path) -> None:
     (project / "pyproject.toml").write_text("sand", "utf-8")
     venv = project / "venv"
     for _ in range(2):
@@ -143,5 +143,5 @@ def test_without_a_command_it_explains_itself(go: types.ModuleType, capsys: pyte
 
 
 @pytest.mark.parametrize("code", [0, 2])
-def test_waiting_hands_back_the_exit_code(go: types.ModuleType, code: int) -> None:
+def test_waiting_returns_the_exit_code(go: types.ModuleType, code: int) -> None:
     assert go.become([sys.executable, "-c", f"raise SystemExit({code})"], ".", replace=False) == code

@@ -224,7 +224,7 @@ def write_log(lines: list[tuple[str, bytes, int]], stream: BytesIO, flush_every:
 
 @settings(max_examples=50)
 @given(st.lists(LINES, max_size=30), st.integers(1, 5))
-def test_logs_come_back_whole_and_open_in_the_indexed_reader(lines: list, flush_every: int) -> None:
+def test_logs_are_read_back_completely_and_open_in_the_indexed_reader(lines: list, flush_every: int) -> None:
     stream = BytesIO()
     written = write_log(lines, stream, flush_every)
     damage: list[str] = []
@@ -238,7 +238,7 @@ def test_logs_come_back_whole_and_open_in_the_indexed_reader(lines: list, flush_
 
 @settings(max_examples=100)
 @given(st.lists(LINES, min_size=1, max_size=20), st.floats(0, 1, exclude_max=True), st.binary(max_size=40))
-def test_torn_logs_give_all_that_was_flushed_before_the_tear(lines: list, fraction: float, rubbish: bytes) -> None:
+def test_truncated_logs_give_all_messages_flushed_before_the_cut(lines: list, fraction: float, rubbish: bytes) -> None:
     stream = BytesIO()
     ends = []
     writer = LogWriter(stream)

@@ -30,7 +30,7 @@ def write(path: Path, first: int, count: int, finish: bool = True) -> bytes:
     return path.read_bytes()
 
 
-def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_whole(tmp_path: Path) -> None:
+def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_complete(tmp_path: Path) -> None:
     data = write(tmp_path / "whole.mcap", 0, 12)
     whole = list(messages(tmp_path / "whole.mcap"))
     ends = [end for end in range(len(data)) if data[end : end + 1] == b"\x07" and int.from_bytes(data[end + 1 : end + 9], "little") < 100]
@@ -80,7 +80,7 @@ def test_renames_and_new_segments_are_followed(tmp_path: Path) -> None:
     assert not tail.finished
 
 
-def test_a_torn_segment_is_given_up_when_the_next_one_exists(tmp_path: Path) -> None:
+def test_a_truncated_segment_is_abandoned_when_the_next_one_exists(tmp_path: Path) -> None:
     reported: list[str] = []
     tail = LogTail(tmp_path, reported.append)
     data = write(tmp_path / "run.000.mcap.part", 0, 6, finish=False)

@@ -73,7 +73,7 @@ def test_the_stage_was_not_moved_and_the_log_records_the_beam_shift(finished: tu
     assert yaml.safe_load((instrument.folder / "run.yaml").read_text())["stage"]["settings"]["first_register"] == 400
 
 
-def test_the_picture_went_where_a_crooked_beam_shift_takes_it(finished: tuple[Instrument, list[int]]) -> None:
+def test_the_image_moved_along_a_rotated_beam_shift(finished: tuple[Instrument, list[int]]) -> None:
     instrument, _ = finished
     frames = {frame["file"]: frame for frame in json.loads(Path(instrument.bench["truth_file"]).read_text())["frames"]}
     pairs = logged(instrument.log, "/pair")

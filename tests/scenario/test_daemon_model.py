@@ -65,7 +65,7 @@ def done(instrument: Callable[..., Any], wait_until: Callable[..., None], watche
 
 
 @pytest.mark.timeout(3 * ENDS_S)
-def test_the_log_says_which_model_both_times(done: Any) -> None:
+def test_the_log_names_the_model_both_times(done: Any) -> None:
     runs = logged(done.log, "/run")
     assert len(runs) == 2
     assert runs[0]["config"]["model"] == runs[1]["config"]["model"]

@@ -114,7 +114,7 @@ def test_the_log_holds_the_prompt_and_no_move_before_enter(attended: Attended) -
     assert arrived["time_ns"] >= confirmed["time_ns"]
 
 
-def test_both_pairs_are_there_and_the_second_saw_the_move(attended: Attended) -> None:
+def test_both_pairs_are_there_and_the_second_shows_the_move(attended: Attended) -> None:
     pairs = attended.logged("/pair")
     assert [pair["step"]["shift_px"] for pair in pairs] == [[0.0, 0.0], [SHIFT_PX, 0.0]]
     (result,) = attended.logged("/result")
@@ -124,7 +124,7 @@ def test_both_pairs_are_there_and_the_second_saw_the_move(attended: Attended) ->
     assert abs(shifts[2][1]) < 1.5
 
 
-def test_words_that_steer_the_run_answer_no_question(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
+def test_run_commands_answer_no_question(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
     item = by_hand(instrument, "steered")
     command = [sys.executable, "-m", "semlive", "run", str(item.write_config()), "--no-page", "--attended"]
     ours, theirs = pty.openpty()

@@ -148,7 +148,7 @@ def test_it_asks_and_the_step_is_entered_again_with_its_hold_in_full(resumed: An
     assert moves[0]["x_um"] - moves[2]["x_um"] == pytest.approx(6 * resumed.config["sem"]["pixel_size_um"])
 
 
-def test_the_next_segment_begins_with_where_the_run_stood_and_time_goes_on(resumed: Any) -> None:
+def test_the_next_segment_begins_with_the_state_of_the_run_and_time_continues(resumed: Any) -> None:
     first, second, third = segments(resumed.log)
     # The truncated segment is complete now; an original that was damaged stays next to it.
     assert [path.name for path in (first, second, third)] == [f"{resumed.log.name}.{number:03d}.mcap" for number in range(3)]

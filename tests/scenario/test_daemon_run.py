@@ -109,7 +109,7 @@ def test_another_subset_needs_the_images(finished: Any) -> None:
     assert result_json(done.result, done.settings)["vsg_px"] == 8 * 8 + 31
 
 
-def test_a_replay_by_another_method_says_so(finished: Any, semlive: Command) -> None:
+def test_a_replay_by_another_method_reports_it(finished: Any, semlive: Command) -> None:
     code, out, err = semlive("replay", finished.log, "--json", "--method", "sutton2007")
     assert code == 0, err
     printed = json.loads(out)

@@ -56,7 +56,7 @@ def test_ctrl_c_stops_the_frame_and_finishes_the_log(instrument: Callable[..., A
 
 
 @pytest.mark.parametrize("after_s", [0.1, 0.5, 1.0, 2.0])
-def test_ctrl_c_while_starting_leaves_no_traceback(instrument: Callable[..., Any], after_s: float) -> None:
+def test_ctrl_c_while_starting_prints_no_traceback(instrument: Callable[..., Any], after_s: float) -> None:
     one = instrument(f"early-{after_s}")
     process = one.start()
     time.sleep(after_s)
@@ -130,7 +130,7 @@ def test_a_killed_analysis_is_started_again_and_loses_nothing(instrument: Callab
     assert exports == sorted(set(exports))
 
 
-def test_an_unreadable_image_is_refused_by_name_and_the_run_goes_on(
+def test_an_unreadable_image_is_refused_by_name_and_the_run_continues(
     instrument: Callable[..., Any], wait_until: Callable[..., None]
 ) -> None:
     one = instrument("unreadable")
@@ -160,7 +160,7 @@ def test_a_load_beyond_the_limits_is_refused_before_anything_moves(instrument: C
     assert not logged(one.log, "/command")
 
 
-def test_a_lost_bench_ends_the_run_with_one_sentence(
+def test_a_lost_bench_ends_the_run_with_one_message(
     tmp_path: Path, instrument: Callable[..., Any], wait_until: Callable[..., None]
 ) -> None:
     one = instrument("lost")

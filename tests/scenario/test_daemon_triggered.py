@@ -84,7 +84,7 @@ def test_the_run_completes(demos: dict[str, Ran], mode: str) -> None:
     assert "/fault" not in log
 
 
-def test_no_frame_is_scanned_in_vain_after_the_first_step(demos: dict[str, Ran]) -> None:
+def test_no_unused_frame_is_scanned_after_the_first_step(demos: dict[str, Ran]) -> None:
     ran = demos["triggered"]
     exports = [scan["export"] for scan in ran.log["/sem/scan"]]
     # The uncertainty of a start time is learned from the first frame: only that frame may have been requested too early.

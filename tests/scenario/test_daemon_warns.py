@@ -42,7 +42,7 @@ def test_a_missing_effect_is_reported_once_with_advice(done: Any) -> None:
 
 
 @pytest.mark.timeout(500)
-def test_a_replay_says_the_same_and_so_does_the_report(done: Any, semlive: Callable[..., tuple[int, str, str]]) -> None:
+def test_replay_and_report_repeat_the_warning(done: Any, semlive: Callable[..., tuple[int, str, str]]) -> None:
     page = done.folder / "report.html"
     for words in (("replay", done.log, "--from-disparity"), ("report", done.log, "-o", page)):
         code, out, err = semlive(*words)

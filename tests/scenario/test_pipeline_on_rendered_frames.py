@@ -101,7 +101,7 @@ def test_what_was_predicted_of_its_frames_gives_a_pair_the_same_maps_sooner() ->
     assert encode_map(pipeline.correlate(started, second, astray)[1]) != encode_map(plain[1])
 
 
-def test_integrated_scans_are_compared_when_the_pair_is_whole() -> None:
+def test_integrated_scans_are_compared_when_the_pair_is_complete() -> None:
     first, second = pairs(load_scenario("paper_x200"))[:2]
     started, _ = pipeline.analyse(AnalysisSettings(), None, first)
     timing = replace(second.first.info.timing, integrations=Sourced(16, Provenance.FILE))

@@ -93,7 +93,7 @@ def test_a_frozen_counter_is_no_reading(bench: Peer, load_frame: LoadFrame) -> N
     ("mode", "sentence"),
     [(2, "register 4 holds nan, which is no reading"), (4, "reports motion state 9, which does not exist")],
 )
-def test_nonsense_is_no_reading(bench: Peer, load_frame: LoadFrame, mode: int, sentence: str) -> None:
+def test_implausible_registers_give_no_reading(bench: Peer, load_frame: LoadFrame, mode: int, sentence: str) -> None:
     bench.misbehave(mode)
     with pytest.raises(LinkError, match=sentence):
         load_frame.read()
@@ -105,7 +105,7 @@ def test_a_command_that_was_not_taken_is_an_error(bench: Peer, load_frame: LoadF
         load_frame.ramp_to(10.0, 1.0)
 
 
-def test_an_exception_reply_is_reported_in_words(bench: Peer, load_frame: LoadFrame) -> None:
+def test_an_exception_reply_is_reported_as_text(bench: Peer, load_frame: LoadFrame) -> None:
     bench.misbehave(5)
     with pytest.raises(LinkError, match=r"refused writing holding register 0: the device is busy \(exception 6\)"):
         load_frame.ramp_to(10.0, 1.0)
@@ -226,7 +226,7 @@ def test_settings_are_checked_before_anybody_is_called(settings: dict[str, objec
         open_load_frame(settings, CLOCK)
 
 
-def test_the_drivers_speak_with_a_stack_of_another_make() -> None:
+def test_drivers_work_with_an_independent_modbus_stack() -> None:
     with peer("modbus_tk_server.py") as other:
         load_frame = open_load_frame({"port": other.port}, CLOCK)
         assert not load_frame.identity.simulated

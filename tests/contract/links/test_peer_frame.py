@@ -49,7 +49,7 @@ def opened(peer: Peer) -> Iterator[Opened]:
         yield open_it
 
 
-def test_an_order_leaves_the_registers_between_its_own_alone(peer: Peer, opened: Opened) -> None:
+def test_an_order_does_not_write_the_registers_between_its_own(peer: Peer, opened: Opened) -> None:
     frame = opened("i16")
     frame.ramp_to(30.0, 100.0)
     wait_until(lambda: peer.force_n == pytest.approx(30.0))

@@ -81,7 +81,7 @@ def test_a_sign_in_a_status_bit_and_decimals_in_another_register() -> None:
 
 
 @pytest.mark.parametrize(("name", "made"), [("oriental_az", oriental_az), ("leadshine_rs", leadshine)])
-def test_a_drive_that_knows_no_load_is_brought_to_one_and_back(name: str, made: type) -> None:
+def test_a_drive_without_load_control_reaches_a_load_and_returns(name: str, made: type) -> None:
     spring = Spring()
     with pulled(name, made(spring), spring) as frame:
         for target_n in (60.0, 20.0):
@@ -239,7 +239,7 @@ def test_a_look_reads_and_never_writes() -> None:
     assert not cell.writes + drive.writes
 
 
-def test_a_look_finds_a_wrong_order_of_words_and_a_register_that_is_not_there() -> None:
+def test_identification_finds_a_wrong_word_order_and_a_missing_register() -> None:
     cell = laumas_tlb(Spring(at_mm=0.05, to_mm=0.05))
     del cell.words[3]
     with tcp(cell) as (port,):

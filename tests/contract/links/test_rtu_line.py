@@ -80,7 +80,7 @@ def test_a_late_answer_is_not_taken_for_the_next_one(opened: Callable[[], RtuLin
     assert link.read(Block(Kind.HOLDING, 11, 1)) == (1011,)
 
 
-def test_closing_and_opening_again_forgets_nothing(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
+def test_line_state_survives_closing_and_reopening(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
     link = opened()
     lateness.planned = [0.8]
     with pytest.raises(NoReply):
@@ -112,7 +112,7 @@ def test_late_answers_to_the_probes_themselves(opened: Callable[[], RtuLink], la
     ]
 
 
-def test_a_stop_is_reported_on_a_line_that_is_not_believed_and_first_when_it_is_opened_again(
+def test_a_stop_is_reported_on_an_unreliable_line_and_sent_first_after_reopening(
     opened: Callable[[], RtuLink], lateness: Lateness, device: Device
 ) -> None:
     link = opened()

@@ -44,7 +44,7 @@ def settings(path: str, unit: int, timeout_s: float = 5.0, **serial: object) -> 
     return ModbusSettings.model_validate({"serial": line, "unit": unit, "timeout_s": timeout_s})
 
 
-def test_two_threads_read_and_write_at_once_and_each_hears_its_own(path: str, devices: dict[int, Device]) -> None:
+def test_two_threads_read_and_write_concurrently_and_get_their_own_replies(path: str, devices: dict[int, Device]) -> None:
     wrong: list[object] = []
 
     def work(unit: int) -> None:

@@ -101,7 +101,7 @@ def test_strain_that_a_gage_does_not_show_is_reported_and_not_corrected(semlive:
     assert "model: out_of_plane_translation is strain to the maps, and is left in" in json.loads(out)["warnings"]
 
 
-def test_too_few_pairs_are_one_sentence(semlive: Callable[..., Printed], short: Path) -> None:
+def test_too_few_pairs_give_one_error_line(semlive: Callable[..., Printed], short: Path) -> None:
     code, out, err = semlive("diagnose", str(short), "--json")
     assert (code, out) == (1, "")
     assert "needs at least 5 pairs" in err.splitlines()[-1]

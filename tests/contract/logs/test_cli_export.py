@@ -142,7 +142,7 @@ def test_vtk_reads_the_image_data(exported: Callable[[str], Path], summary: Any)
     assert (out / "distortion.vti").is_file()
 
 
-def test_pictures(semlive: Semlive, short: Path, tmp_path: Path) -> None:
+def test_images(semlive: Semlive, short: Path, tmp_path: Path) -> None:
     code, _, err = semlive("export", str(short), "--format", "png", "-o", str(tmp_path / "maps"), "--until", "0")
     assert (code, err) == (0, "")
     names = {path.name for path in (tmp_path / "maps").glob("*.png")}
@@ -153,7 +153,7 @@ def test_pictures(semlive: Semlive, short: Path, tmp_path: Path) -> None:
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 256  # maps, not a blank sheet
 
 
-def test_what_cannot_be_written_is_one_sentence_and_leaves_nothing(semlive: Semlive, imported: Path, tmp_path: Path) -> None:
+def test_a_failed_export_gives_one_error_line_and_no_file(semlive: Semlive, imported: Path, tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     code, out, err = semlive("export", str(imported), "--format", "csv", "-o", str(tmp_path / "taken" / "out"))
     assert (code, out) == (2, "")

@@ -25,7 +25,7 @@ from semlive.service.replay.replay import ReplayRequest, replay
 Semlive = Callable[..., tuple[int, str, str]]
 
 
-def test_the_command_writes_a_log_and_says_so_in_one_object(semlive: Semlive, folder: Path, tmp_path: Path) -> None:
+def test_the_command_writes_a_log_and_prints_one_json_object(semlive: Semlive, folder: Path, tmp_path: Path) -> None:
     log = tmp_path / "brought.mcap"
     code, out, err = semlive("import", str(folder), "-o", str(log), "--specimen-area-mm2", "1.0", "--loading-axis", "y", "--json")
     assert (code, err) == (0, "")

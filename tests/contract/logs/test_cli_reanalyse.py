@@ -59,7 +59,7 @@ def checked(out: Path, own: ReplayResult) -> None:
     assert rows[0]["pairs"] == "4"
 
 
-def test_all_cores_and_one_log_that_is_torn(semlive: Semlive, logs: list[Path], own: ReplayResult, tmp_path: Path) -> None:
+def test_all_cores_and_one_truncated_log(semlive: Semlive, logs: list[Path], own: ReplayResult, tmp_path: Path) -> None:
     out = tmp_path / "out"
     code, printed, err = semlive("reanalyse", *map(str, logs), "-o", str(out), "--jobs", "2", "--json")
     assert code == 1

@@ -126,7 +126,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("word", WRONG)
-def test_what_is_wrong_with_a_setting_is_one_sentence(short: Path, word: str) -> None:
+def test_a_wrong_setting_gives_one_error_line(short: Path, word: str) -> None:
     with pytest.raises(BadConfig) as wrong:
         replay(ReplayRequest(short, changes=parse_changes([word]), source=Source.IMAGES))
     assert WRONG[word] in str(wrong.value)

@@ -52,7 +52,7 @@ def test_a_large_tilt_does_not_make_the_drift_carry_the_distortion(tilted: Obser
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"tilt_with_load"})
 
 
-def test_where_nothing_is_hidden_the_choice_stands() -> None:
+def test_without_a_hidden_effect_the_choice_is_unchanged() -> None:
     observed = Case(ONE, ("tilt_with_load",), 0.01, 80_001).observed(FEW, QUICK)
 
     assert choose_coupling(observed, few("tilt_with_load")).observation is observed
@@ -66,7 +66,7 @@ def test_a_distortion_that_drifts_is_made_of_what_it_is_without_the_drift() -> N
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"distortion_scale_drift"})
 
 
-def test_a_jump_next_to_a_distortion_that_drifts_leaves_no_third_name() -> None:
+def test_a_jump_next_to_a_drifting_distortion_gives_no_third_effect() -> None:
     both = ("drift_jump", "distortion_scale_drift")
     found = diagnose(Case(TWO, both, 8.0, 83_028).observed(FEW, QUICK), dictionary=few(*both, "charging_frame_ramp"), draws=DRAWS)
 

@@ -87,7 +87,7 @@ def test_contamination_reduces_mean_and_contrast_equally(tmp_path: Path) -> None
     assert loss[1] < 2e-6
 
 
-def test_defocus_widens_the_probe_and_leaves_the_mean(tmp_path: Path) -> None:
+def test_defocus_widens_the_probe_and_preserves_the_mean(tmp_path: Path) -> None:
     found = grey_of(tmp_path, Defocus(5e-4, 0.0))
 
     assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["defocus"])

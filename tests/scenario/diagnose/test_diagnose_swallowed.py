@@ -20,7 +20,7 @@ GRID = Grid(101, 101, 25, 30, 24, 43)
 FEW = tuple(one for one in EFFECT_CLASSES if one.name in ("magnification_drift", "aspect_drift"))
 
 
-def test_a_local_drift_swallows_what_diagnosis_names() -> None:
+def test_an_effect_absorbed_by_a_local_drift_is_identified() -> None:
     observed = experiment("magnification_drift", 0.4, CONDITIONS, GRID)
     misfit = swallowed(observed)
     found = diagnose(observed, dictionary=FEW, draws=99)

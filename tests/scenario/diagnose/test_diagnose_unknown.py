@@ -99,7 +99,7 @@ def test_a_slow_drift_is_no_jump_at_every_step(drifting: Observation) -> None:
     assert course_of(drifting, "refocus_magnification_step") > 7.0
 
 
-def test_a_jump_within_a_pair_moves_whole_frames_and_that_is_no_course() -> None:
+def test_a_jump_within_a_pair_moves_complete_frames_and_is_no_time_course() -> None:
     assert course_of(hiding("jump_within_pair"), "jump_within_pair") < 3.0
 
 

@@ -54,7 +54,7 @@ def test_shifts_of_rows_are_found_and_corrected(world: Callable[..., Any], plans
     assert any("rows" in note.text for note in estimating.to_estimate(solution, 0).notes)
 
 
-def test_a_run_goes_on_with_shifts_of_rows(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+def test_a_run_with_row_shifts_continues(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """What comes later has shifts of its own, found from the pair itself, between choices too."""
     one, steps = jittering(world(61), SHIFT_PX), [plans["full"][at] for at in (0, 2, 8, 4, 10)]
     state, taken = estimating.init(EstimateSettings(), one.grid, WIDTH_PX, HEIGHT_PX), list(one.pairs(steps))

@@ -145,7 +145,7 @@ def test_a_long_run_judges_the_coupling_again(world: Callable[..., Any], steps: 
 
 
 @pytest.mark.parametrize("scans", [2, 16])
-def test_integrated_scans_see_the_mean_drift_of_their_visits(world: Callable[..., Any], steps: list[Any], scans: int) -> None:
+def test_integrated_scans_contain_the_mean_drift_of_their_visits(world: Callable[..., Any], steps: list[Any], scans: int) -> None:
     found, worst = solved(changed(world(6, noise_px=0.0), scans=scans), steps)
     assert worst < 5e-4
     assert not used(found)["coupling"]

@@ -70,7 +70,7 @@ def entries(tmp_path: Path) -> list:
     return read_log(path)
 
 
-def test_whole_lines_of_the_log_are_read(entries: list) -> None:
+def test_complete_lines_of_the_log_are_read(entries: list) -> None:
     assert len(entries) == 10
     assert stop_requests(entries, 13.0, 20.0) == [14.0, 16.0]
     assert [item.at_s for item in motion_orders(entries, 13.0)] == [17.0, 18.0]

@@ -40,6 +40,6 @@ def test_memory_growth_is_detected_in_steps_and_in_noise() -> None:
     assert grows({})
 
 
-def test_noise_that_remembers_has_a_larger_error() -> None:
+def test_autocorrelated_noise_has_a_larger_slope_error() -> None:
     quick, slow = (np.mean([slope(TIMES_S, noise(seed, s), PAIRS_PER_S)["alike"] for seed in range(40)]) for s in (1.0, 300.0))
     assert slow > quick + 0.2

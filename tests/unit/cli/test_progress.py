@@ -26,7 +26,7 @@ def test_a_run_takes_as_long_for_each_step_as_before() -> None:
     assert pace.seconds(2, 5, 300.0) == 0.0
 
 
-def test_a_resumed_run_knows_only_its_own_steps() -> None:
+def test_a_resumed_run_counts_only_its_own_steps() -> None:
     pace = RemainingTime()
     assert pace.seconds(7, 10, 0.0) is None
     assert pace.seconds(8, 10, 20.0) == pytest.approx(40.0)

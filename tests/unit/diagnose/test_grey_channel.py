@@ -156,12 +156,12 @@ def test_brightness_that_drifts_is_no_contamination() -> None:
     assert max(found.evidence, key=lambda item: item[1])[0] == DRIFT
 
 
-def test_a_picture_that_brightens_with_dose_is_no_contamination() -> None:
+def test_an_image_that_brightens_with_dose_is_no_contamination() -> None:
     found = diagnose_intensity(series(5, lambda grey, time_s: grey * (1.0 + 5e-5 * time_s)))
     assert (found.outcome, names(found)) == (Outcome.UNKNOWN, [])
 
 
-def test_defocus_leaves_the_mean() -> None:
+def test_defocus_preserves_the_mean() -> None:
     found = diagnose_intensity(series(6, lambda grey, time_s: blurred(grey, 1e-3 * float(time_s.mean()))))
     assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["defocus"])
     value, sigma = values_and_sigmas(found, "defocus")["blur_px_per_s"]

@@ -148,5 +148,5 @@ def test_what_cannot_be_played_is_reported(tmp_path: Path) -> None:
         (-0.6, 0.02, ()),
     ],
 )
-def test_a_row_time_that_is_a_whole_part_is_integration(value: float, sigma: float, names: tuple[str, ...]) -> None:
+def test_a_row_time_that_is_an_integer_fraction_is_integration(value: float, sigma: float, names: tuple[str, ...]) -> None:
     assert effect_class("wrong_row_time").alias_rule([ParameterEstimate("row_time_error", value, sigma, "1")]) == names

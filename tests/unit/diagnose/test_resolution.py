@@ -49,7 +49,7 @@ def smooth() -> HyperparameterGrid:
     return noise_scaled_baseline(observed(Conditions(71), (), COARSE))
 
 
-def test_a_walk_is_believed_in_where_the_drift_wanders_and_nowhere_else(smooth: HyperparameterGrid) -> None:
+def test_a_random_walk_is_selected_only_where_the_drift_wanders(smooth: HyperparameterGrid) -> None:
     assert wandering(smooth) == 0.0
     walked = noise_scaled_baseline(observed(Conditions(71), (WANDER,), COARSE))
     step_px = 0.01 * np.sqrt(walked.design.observation.state.drift.spline.spacing)  # type: ignore[union-attr]
@@ -89,7 +89,7 @@ def test_what_draws_leave_of_held_out_frames_is_what_the_data_leave(smooth: Hype
     assert gap.after_px == pytest.approx(gap.floor_px, rel=0.12)
 
 
-def test_a_row_time_that_is_named_surely_is_not_rejected_for_what_held_out_frames_cannot_know() -> None:
+def test_a_significant_row_time_is_not_rejected_by_uninformative_held_out_frames() -> None:
     baseline = noise_scaled_baseline(observed(Conditions(20_013), hidden_effect("wrong_row_time", 0.3, 1), GRID))
     (received,) = score_candidates(baseline, [effect_class("wrong_row_time")])
     found = refined(baseline, received)

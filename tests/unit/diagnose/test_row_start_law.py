@@ -48,7 +48,7 @@ def test_without_settling_nothing_is_named() -> None:
     assert (verdict.outcome, verdict.laws) == (Outcome.NONE, ())
 
 
-def test_one_setting_leaves_every_law_and_the_best_experiment_varies_pixel_size_and_dwell() -> None:
+def test_one_setting_decides_nothing_and_the_best_experiment_varies_pixel_size_and_dwell() -> None:
     verdict = row_start_law([profile(RowStartLaw.POSITION, ROWS[0], 1, 0)])
     assert (verdict.outcome, set(verdict.laws)) == (Outcome.AMBIGUOUS, set(RowStartLaw))
     best = verdict.experiments[0]

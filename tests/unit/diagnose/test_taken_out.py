@@ -132,7 +132,7 @@ def drifting(decision: PairDecision, rate_n_s: float) -> PairDecision:
     return replace(decision, loads=(loads[0], loads[1]))
 
 
-def test_more_pairs_than_can_be_fitted_go_on_without_the_model(
+def test_more_pairs_than_can_be_fitted_continue_without_the_model(
     monkeypatch: pytest.MonkeyPatch, charging: list[HiddenPair], without_model: Steps, modelled: Steps
 ) -> None:
     monkeypatch.setattr(effect_correction, "MAX_PAIRS", 5)

@@ -24,7 +24,7 @@ def test_points_that_leave_the_frame_are_outside_and_the_others_are_measured(lab
     assert np.max(np.abs(m.u_px - u)[m.valid]) < 0.1
 
 
-def test_what_is_covered_in_the_current_frame_is_not_believed(lab, scene):
+def test_points_covered_in_the_current_frame_are_rejected(lab, scene):
     second = lab.expose(scene(lab.Affine(u=3.4, v=-1.2)), 3.0, 2)
     second[90:180, 100:210] = 0
     m = dic.match(lab.expose(scene(), 3.0, 1), second, settings=SETTINGS)

@@ -67,7 +67,7 @@ def test_large_offsets_and_sixteen_bits_lose_nothing(lab, scene, settings):
 
 
 @pytest.mark.parametrize("options", [{}, {"interpolation": "quintic", "shape_function": "quadratic"}])
-def test_a_shift_by_whole_pixels_shifts_the_result_and_nothing_else(lab, scene, measure, options):
+def test_a_shift_by_integer_pixels_shifts_the_result_and_nothing_else(lab, scene, measure, options):
     settings = DicSettings(step_px=24, roi_px=(60, 60, 240, 200), **options)
     first, second = lab.expose(scene(), 4.0, 1), lab.expose(scene(lab.Affine(u=0.4, v=-0.3)), 4.0, 2)
     here = measure(first, second, settings)

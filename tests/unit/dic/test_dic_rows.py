@@ -174,7 +174,7 @@ def test_result_does_not_depend_on_threads(lab, scenes, monkeypatch):
     assert np.array_equal(first.u_px, second.u_px)
 
 
-def test_bad_input_is_one_sentence(lab, scenes):
+def test_bad_input_gives_one_error_line(lab, scenes):
     first, second = (lab.expose(image) for image in scenes["hum"][:2])
     grid = dic.grid_for(SETTINGS, WIDTH, HEIGHT)
     disparity = dic.correlate(dic.prepare(first, grid, SETTINGS), second, SETTINGS, reference_frame=0, current_frame=1)

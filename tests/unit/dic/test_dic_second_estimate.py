@@ -83,7 +83,7 @@ def test_bands_decide_on_doubtful_points():
     assert confirm(m, verdict, SecondEstimates(difference, isolated), grid)[1][4, 4] == PoiStatus.LOW_ZNCC
 
 
-def test_noise_that_hides_edges_leaves_doubtful_points_refused():
+def test_doubtful_points_stay_refused_where_noise_hides_edges():
     m = replace(measurements((10, 12)), contrast=np.full((10, 12), 400.0, np.float32))
     verdict = np.full((10, 12), PoiStatus.INCONSISTENT, np.uint8)
     assert is_doubtful(m, verdict, 5.0)

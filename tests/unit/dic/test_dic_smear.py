@@ -92,7 +92,7 @@ def test_a_smeared_wave_is_the_mean_over_the_scans():
     assert blurred(np.full((64, 96), 200, np.uint8), IntegrationBlur(*FAST, SCANS).transfer_function((64, 96))).max() == 200 * 256
 
 
-def test_a_line_of_whole_pixels_has_no_gap_in_its_spectrum():
+def test_a_smear_of_integer_pixels_has_no_gap_in_its_spectrum():
     passed = IntegrationBlur(2.0, 0.0, 4).transfer_function((8, 64))
     line = np.zeros(64)
     line[[61, 63, 1, 3]] = 0.25

@@ -85,6 +85,6 @@ def test_a_stage_moved_by_hand_moves_until_it_is_confirmed() -> None:
     stage.close()
 
 
-def test_the_hands_settings_are_checked() -> None:
+def test_settings_of_manual_devices_are_checked() -> None:
     with pytest.raises(BadConfig, match=r"operator stage: um_per_pixel: .*; it has um_per_px, kind"):
         by_hand.open_stage({"um_per_pixel": 1.0}, Clock())

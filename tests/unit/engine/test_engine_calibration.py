@@ -67,7 +67,7 @@ def test_the_load_waits_for_the_newest_pairs_judgement() -> None:
     assert [item.cause for item in run.of(Transition)].count(Cause.CALIBRATION_CHECK) == 1
 
 
-def test_a_refused_calibration_pauses_with_its_figures_and_the_operators_word_loads_all_the_same() -> None:
+def test_a_refused_calibration_pauses_with_its_figures_and_the_operator_can_load_anyway() -> None:
     run = calibrated(WHY)
     assert run.state.state is State.PAUSED
     assert run.state.calibration_question_open

@@ -94,7 +94,7 @@ def test_an_emergency_stop_has_a_state_of_its_own() -> None:
     assert run.state.state is State.EMERGENCY_STOP
 
 
-def test_only_a_confirmed_command_of_the_operator_leaves_fault() -> None:
+def test_only_a_confirmed_command_of_the_operator_ends_a_fault() -> None:
     run = run_in(State.HOLDING)
     run.tell(LinkLost(run.now_ns, Device.LOAD_FRAME, "no answer"))
     run.tell(LinkRestored(run.now_ns, Device.LOAD_FRAME))
@@ -147,7 +147,7 @@ def test_pause_stops_and_resume_does_the_step_again_with_its_full_hold(state: St
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_stop_waits_for_the_devices_word(state: State) -> None:
+def test_stop_waits_for_the_devices_reply(state: State) -> None:
     run = run_in(state)
     run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
     assert run.state.state is State.STOPPING

@@ -239,7 +239,7 @@ def test_a_watchdog_that_stopped_the_machine_is_acknowledged_once_and_a_fault_th
     assert run.state.state is State.FAULT
 
 
-def test_the_field_is_brought_back_from_where_the_last_pair_saw_it() -> None:
+def test_the_field_is_recentred_from_its_position_in_the_last_pair() -> None:
     plan = replace(PLAN, recentring=Recentre(threshold_px=1.0, um_per_px=1.0))
     run, before = interrupted(1)
     done = replace(before.completed_pairs[0], step=replace(before.completed_pairs[0].step, shift_um=(2.0, 0.0)))

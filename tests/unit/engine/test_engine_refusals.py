@@ -162,7 +162,7 @@ def test_tilt_correction_that_is_switched_on_inside_a_pair_costs_its_first_frame
     assert imaging.accepted == []
 
 
-def test_a_load_that_leaves_tolerance_costs_the_pair_its_first_frame(imaging: Run) -> None:
+def test_a_load_out_of_tolerance_costs_the_pair_its_first_frame(imaging: Run) -> None:
     imaging.scan()
     imaging.force_n = 189.0
     imaging.wait(1.0)
@@ -216,7 +216,7 @@ def test_pausing_costs_the_pair_its_first_frame(imaging: Run) -> None:
     assert "the run was paused" in imaging.refusals[1]
 
 
-def test_an_unreadable_file_is_refused_in_its_own_words(imaging: Run) -> None:
+def test_an_unreadable_file_is_refused_with_its_own_message(imaging: Run) -> None:
     imaging.scan()
     imaging.tell(FrameUnreadable(imaging.now_ns, 1, "frame0001.tif is cut off after 3 of 884 rows; export it again"))
     imaging.scan()
@@ -224,7 +224,7 @@ def test_an_unreadable_file_is_refused_in_its_own_words(imaging: Run) -> None:
     assert len(imaging.accepted) == 1
 
 
-def test_a_pair_whose_load_is_forgotten_is_refused_instead_of_inventing_a_load(imaging: Run) -> None:
+def test_a_pair_without_a_stored_load_is_refused_instead_of_inventing_a_load(imaging: Run) -> None:
     imaging.scan()
     devices = imaging.state.devices
     devices = replace(devices, history=replace(devices.history, chunks=(), tail=()))

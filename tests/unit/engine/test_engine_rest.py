@@ -78,7 +78,7 @@ def test_a_load_that_relaxes_at_a_resting_crosshead_is_approached_again() -> Non
 
 
 @pytest.mark.parametrize("loads_n", [(300.0,), (100.0, 300.0)])
-def test_a_force_that_stands_still_while_the_crosshead_moves_is_a_fault(loads_n: tuple[float, ...]) -> None:
+def test_a_constant_force_while_the_crosshead_moves_is_a_fault(loads_n: tuple[float, ...]) -> None:
     run = held(*loads_n)
     run.crosshead_mm = 395.0 / 5000
     run.wait(2.0)

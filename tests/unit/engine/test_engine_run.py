@@ -81,7 +81,7 @@ def test_the_hold_is_exactly_thirty_seconds_from_settled() -> None:
     assert progress(run.state).hold_remaining_s is None
 
 
-def test_a_load_that_leaves_tolerance_begins_settling_and_the_hold_again() -> None:
+def test_a_load_out_of_tolerance_restarts_settling_and_hold() -> None:
     run = Run(plan_of((HERE, 200.0)))
     run.begin()
     run.reach(State.HOLDING)
@@ -131,7 +131,7 @@ def test_a_run_without_load_frame_and_stage_only_takes_pairs() -> None:
     assert run.of(RampTo) == run.of(MoveStage) == []
 
 
-def test_a_step_without_load_leaves_the_load_alone_but_wants_it_steady() -> None:
+def test_a_step_without_load_orders_no_load_but_requires_a_steady_one() -> None:
     run = Run(plan_of((HERE, None)), force_n=123.0)
     run.begin()
     run.reach(State.HOLDING)

@@ -94,7 +94,7 @@ def test_the_gate_may_be_before_the_calibration() -> None:
     assert run.state.state is State.COMPLETE
 
 
-def test_after_its_longest_wait_it_asks_and_the_operators_word_opens_the_gate() -> None:
+def test_after_its_longest_wait_the_gate_prompts_and_the_operator_opens_it() -> None:
     run = Run(gated((HERE, None), (HERE, 100.0)))
     run.begin()
     while run.state.state is not State.PAUSED:

@@ -48,7 +48,7 @@ def test_a_displacement_drive_may_pause(pause_s: float) -> None:
     assert true_n == 300.0
 
 
-def test_a_coarse_sensor_leaves_a_displacement_drive_more_time() -> None:
+def test_a_coarse_sensor_gives_a_displacement_drive_more_time() -> None:
     coarse = jammed_at(60.0, 2.0 + 7.0, lsb_mm=1e-3)
     finding, true_n = first_finding(coarse, DRIVE)
     assert finding is None

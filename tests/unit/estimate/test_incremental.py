@@ -62,7 +62,7 @@ def test_the_newest_pair_and_all_before_it_are_those_of_the_batch(order: tuple[i
         )
 
 
-def test_uncertainty_of_every_pair_is_that_of_the_whole_matrix() -> None:
+def test_uncertainty_of_every_pair_is_that_of_the_complete_matrix() -> None:
     solution = estimating.solve(accumulated((0, 3, 1, 4)))
     state = solution.state
     prior = gauge_precision(state) + prior_precision(state, solution.hyper)

@@ -57,7 +57,7 @@ def test_a_long_run_makes_its_choices_again() -> None:
     assert len(estimating.to_estimate(followed, count).motions) == count
 
 
-def test_choices_given_the_border_weigh_candidates_as_the_whole_matrix_does() -> None:
+def test_choices_given_the_border_score_candidates_like_the_complete_matrix() -> None:
     state = relinearise(accumulated((0, 1, 2, 3)), about_of(accumulated((0, 1, 2, 3)), 3))
     hypers = [
         replace(Hyperparameters(noise_scale=1.3), drift=(Smoothness(order, size), Smoothness(2, 0.05)), raster_px=(raster, 0.0))
@@ -136,7 +136,7 @@ def test_a_carried_distortion_takes_new_pairs_up() -> None:
         estimating.solve_incremental(accumulated((0, 1, 2, 4, 5)), solution)
 
 
-def test_the_arrow_factor_is_that_of_the_whole_matrix() -> None:
+def test_the_arrow_factor_is_that_of_the_complete_matrix() -> None:
     state = accumulated((0, 1, 2, 3, 4))
     precision, information = marginal(state)
     whole = precision + gauge_precision(state) + prior_precision(state, Hyperparameters())

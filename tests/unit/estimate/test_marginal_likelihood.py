@@ -46,7 +46,7 @@ def held_out(value_px: np.ndarray, belief: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("kind", [(3, 0.0), (2, 0.0), next(iter(OSCILLATING_PRIORS))])
-def test_the_choice_is_by_how_well_earlier_values_foretell_later_ones(kind: Kind) -> None:
+def test_the_choice_is_by_how_well_earlier_values_predict_later_ones(kind: Kind) -> None:
     value_px = np.sin(TIME_S / 90.0) + RNG.normal(0.0, NOISE_PX, len(TIME_S))
     data, prior = likelihood_and_prior(value_px)
     sizes = np.array([0.01, 0.1, 0.5])

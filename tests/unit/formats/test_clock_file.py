@@ -64,7 +64,7 @@ def test_late_work_stretches_the_clock_for_everybody(capsys: pytest.CaptureFixtu
     assert f"strip was {late_s:.2f} s late" in capsys.readouterr().err
 
 
-def test_work_in_time_leaves_the_clock_alone() -> None:
+def test_work_in_time_does_not_change_the_clock() -> None:
     published: list[Clock] = []
     clock = BenchClock(1.0, published.append)
     clock.begin()

@@ -114,7 +114,7 @@ def test_sixteen_bits_stay_sixteen_bits() -> None:
     assert np.array_equal(frame.image, image[:56])
 
 
-def test_start_in_whole_seconds_is_the_middle_of_the_second_less_the_scan() -> None:
+def test_a_start_in_integer_seconds_is_the_middle_of_the_second_less_the_scan() -> None:
     info = read_info(exported(fei_bytes()), ScanProfile(start_anchor="end", start_sigma_s=0.01))
     assert info.start_time_ns.value == ns(CREATED) + 500_000_000 - 61_200_000
     assert info.start_time_ns.source is Provenance.DERIVED
@@ -222,7 +222,7 @@ def test_float_images_and_strange_files_are_refused() -> None:
         assert check_complete(data) is not None
 
 
-def test_a_header_that_promises_too_much_is_refused_before_any_memory_is_taken() -> None:
+def test_a_header_that_declares_too_much_is_refused_before_any_memory_is_taken() -> None:
     png = bytearray(png_bytes(speckle()))
     png[16:24] = (60_000).to_bytes(4, "big") * 2
     with pytest.raises(BadImage, match="more than is read"):

@@ -65,7 +65,7 @@ def laid(data: bytes) -> DisparityMap:
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-def test_every_dialect_tells_the_same_map(name: str) -> None:
+def test_every_dialect_gives_the_same_map(name: str) -> None:
     found = laid(DIALECTS[name])
     expected = np.arange(X.size).reshape(GRID.shape) != LOST
     assert (found.grid.x0_px, found.grid.y0_px, found.grid.step_px, found.grid.nx, found.grid.ny) == (20, 30, 10, 5, 4)
@@ -135,7 +135,7 @@ def test_an_error_is_reported_with_its_place(name: str) -> None:
     assert "\n" not in str(wrong.value)
 
 
-def test_a_point_that_truly_stands_still_is_believed() -> None:
+def test_a_truly_stationary_point_is_accepted() -> None:
     turned = "\n".join(["x,y,u,v", *(f"{x:.0f},{y:.0f},{0.02 * (y - 40):.3f},{-0.02 * (x - 40):.3f}" for x, y in zip(X, Y, strict=True))])
     found = laid(turned.encode())
     assert found.valid.all()

@@ -122,7 +122,7 @@ def test_one_sign_before_three_digits_is_refused_with_both_readings_unless_it_is
 
 
 @pytest.mark.parametrize("cell", ["1,234.5", "1.234,5", "1,234,567", "1'234.5", "1 234", "1_000", "0x10", "\u0663", "1e", "1,2,3"])
-def test_thousands_and_other_words_are_no_numbers(cell: str) -> None:
+def test_thousands_and_other_texts_are_no_numbers(cell: str) -> None:
     assert number_in(cell, ".") is None
     assert number_in(cell, ",") is None
     assert number_in(cell, "") is None
@@ -145,7 +145,7 @@ def test_a_description_above_the_names_is_passed_over() -> None:
     assert rows == [[134.2]]
 
 
-def test_text_between_names_and_numbers_leaves_a_comma_ambiguous() -> None:
+def test_text_between_names_and_numbers_does_not_resolve_an_ambiguous_comma() -> None:
     """A single column with decimal commas was read as two columns: `Kraft, s` was taken for units."""
     text = "Rate: 0,5 mm/min\nKraft, s\n9643,179\n15343,259\n"
     with pytest.raises(AmbiguousTable, match="line 2: may hold units or names"):

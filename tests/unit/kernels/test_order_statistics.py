@@ -37,7 +37,7 @@ def test_median_of_the_stencil_is_numpys(shape, step):
 
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("masked", [False, True])
-def test_gradient_products_are_those_of_whole_images(axis, masked):
+def test_gradient_products_are_those_of_complete_images(axis, masked):
     rng = np.random.default_rng(5)
     image = rng.standard_normal((45, 38)).astype(np.float32)
     usable = (rng.random(image.shape) > 0.2).astype(np.float32) if masked else None

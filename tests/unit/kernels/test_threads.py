@@ -54,7 +54,7 @@ def test_two_chains_at_once_keep_to_what_is_allowed(allowed):
     assert work.most == allowed
 
 
-def test_a_thread_that_has_done_with_one_chain_goes_on_with_the_other(monkeypatch):
+def test_a_thread_that_has_finished_one_chain_continues_with_the_other(monkeypatch):
     monkeypatch.setattr(threads, "thread_count", lambda: 2)
     work = Watched(2)
     assert threads.run_pair_in_parallel(lambda: threads.parallel_chunks(work, 30, 1), lambda: time.sleep(0.01) or "short") == (

@@ -71,7 +71,7 @@ def test_the_image_axis_that_is_pulled_is_compared() -> None:
     assert mechanics.compare_with_gage(turned, AREA_MM2, "x").poissons_ratio.value == pytest.approx(RATIO)
 
 
-def test_one_load_or_a_gage_that_stands_still_is_refused() -> None:
+def test_one_load_or_a_constant_gage_is_refused() -> None:
     with pytest.raises(IllPosed, match="two or more different loads"):
         mechanics.compare_with_gage(steps()[:1], AREA_MM2)
     with pytest.raises(IllPosed, match="does not follow the load"):

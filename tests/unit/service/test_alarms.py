@@ -47,7 +47,7 @@ def test_every_fault_is_an_alarm() -> None:
     assert not any(item.acknowledged for item in listed)
 
 
-def test_a_transition_without_a_fault_message_is_an_alarm_with_the_sentence_that_follows() -> None:
+def test_a_transition_without_a_fault_message_is_an_alarm_with_the_text_that_follows() -> None:
     assert found(state(1, "ramping", "fault", "limit"), line(1.2, "the load is beyond its limit"), line(1.3, "frame 3 is not used")) == [
         (FaultCode.LIMIT, "the load is beyond its limit")
     ]

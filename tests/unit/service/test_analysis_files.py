@@ -150,7 +150,7 @@ def test_clock_offsets_of_sem_and_share_are_reported_with_the_first_frame(tmp_pa
     assert bool(clocks["sem"].advice) == (late_s > 60)
 
 
-def test_what_analysis_reports_of_clocks_counts_as_its_own_when_a_run_is_taken_up_again(tmp_path: Path) -> None:
+def test_clock_offsets_reported_by_analysis_count_as_its_own_in_a_resumed_run(tmp_path: Path) -> None:
     state, outputs = WorkerState(), []
     for message in logged(tmp_path, exported(0, product(1)), exported(1, product(1)), exported(2, product(2))):
         state, more = process_message(state, message)

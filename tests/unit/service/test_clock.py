@@ -40,7 +40,7 @@ def test_a_published_rate_is_followed(tmp_path: Path) -> None:
     assert 100 * (again_early_ns - late_ns) - 1000 <= again - first <= 100 * (time.monotonic_ns() - early_ns) + 1000
 
 
-def test_a_stretched_clock_is_taken_up_and_never_goes_back(tmp_path: Path) -> None:
+def test_a_stretched_clock_is_continued_and_never_goes_back(tmp_path: Path) -> None:
     path = tmp_path / "clock.json"
     published = Clock(10**18, time.monotonic_ns(), 100.0)
     publish(path, published)

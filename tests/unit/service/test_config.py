@@ -98,7 +98,7 @@ def test_what_is_wrong_is_named(change: dict[str, Any], words: str) -> None:
 
 
 @pytest.mark.parametrize("device", ["load_frame", "stage"])
-def test_a_device_that_is_read_too_seldom_is_refused_for_a_run_and_not_in_an_old_log(tmp_path: Path, device: str) -> None:
+def test_a_device_with_a_long_polling_period_is_refused_for_a_run_and_not_in_an_old_log(tmp_path: Path, device: str) -> None:
     seldom = given(**{device: {**given()[device], "poll_s": 0.5}})
     path = tmp_path / "run.yaml"
     path.write_text(yaml.safe_dump(seldom))

@@ -71,7 +71,7 @@ def messages(manager: socket.socket) -> list[bytes]:
             return received
 
 
-def test_the_watchdog_hears_a_living_loop_and_no_blocked_one(manager: socket.socket) -> None:
+def test_the_watchdog_is_fed_by_a_running_loop_and_not_by_a_blocked_one(manager: socket.socket) -> None:
     beats, blocked = list[bytes](), list[bytes]()
 
     async def live(one: SystemdNotifier) -> float:
@@ -99,7 +99,7 @@ def test_a_watchdog_of_another_process_is_not_ours(manager: socket.socket) -> No
     assert SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "9", "WATCHDOG_PID": "7"}, pid=8).watchdog_s is None
 
 
-def test_a_manager_that_is_gone_or_deaf_stops_nobody(tmp_path: Path, manager: socket.socket) -> None:
+def test_a_missing_or_unresponsive_manager_stops_nothing(tmp_path: Path, manager: socket.socket) -> None:
     SystemdNotifier({"NOTIFY_SOCKET": str(tmp_path / "nobody")}).stopping()
     deaf = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname()})
     for _ in range(2000):

@@ -123,7 +123,7 @@ def views() -> list[PageState]:
     return reported
 
 
-def test_pieces_add_up_to_the_whole() -> None:
+def test_increments_add_up_to_the_complete_state() -> None:
     shown: dict[str, Any] = json.loads(to_json_line(full_state(PageState())))
     rows: list[Any] = []
     everything = views()
@@ -217,7 +217,7 @@ def test_the_gate_s_verdict_and_the_pair_that_it_adds() -> None:
     assert done.warm_up
 
 
-def test_drift_is_that_of_the_newest_revision_and_its_forecast_goes_on_from_there() -> None:
+def test_drift_is_that_of_the_newest_revision_and_its_forecast_continues_from_there() -> None:
     drift_panel = views()[-1].drift
     assert [item.frame for item in drift_panel.frames] == [0, 1, 2]
     assert [item.rows[0][1] for item in drift_panel.frames] == [pytest.approx(0.1), pytest.approx(0.2), pytest.approx(0.2)]
