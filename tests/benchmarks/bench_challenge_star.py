@@ -168,7 +168,7 @@ def summary_px2(cuts: list[Cut]) -> float:
     return float(np.mean(sorted(c.mei_px2 for c in cuts if np.isfinite(c.mei_px2))[:3]))
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """A line at once."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
@@ -189,7 +189,7 @@ def main() -> None:
     images = Path(package) / "data" / "dic" / "challenge"
     reference, moved = (tifffile.imread(images / f"DIC_Challenge_Star_Noise_{which}.tiff") for which in ("Ref", "Def"))
     level, slope = noise_by_grey(reference, moved)
-    say(f"noise variance of an exposure: {level:.2f} + {slope:.4f} x grey level")
+    print_line(f"noise variance of an exposure: {level:.2f} + {slope:.4f} x grey level")
     unmoved = tifffile.imread(requests.still) if requests.still else still(reference, moved, requests.seed)
     engines: dict[str, Measure] = {
         "semlive, affine": ours(),
@@ -200,19 +200,19 @@ def main() -> None:
         "pyvale as it comes, quadratic": pyvale(python, "QUAD", 5),
         "pyvale without blur, quadratic": pyvale(python, "QUAD", 1),
     }
-    say("| engine | subset px | resolution px | noise px | MEI px^2 | of the line found % |\n|---|---|---|---|---|---|")
+    print_line("| engine | subset px | resolution px | noise px | MEI px^2 | of the line found % |\n|---|---|---|---|---|---|")
     figures = dict(ENTRIES)
     for name, measure in engines.items():
         if requests.engines and not {name, name.split()[0].rstrip(",")} & set(requests.engines):
             continue
         cuts = [cut(measure, reference, moved, unmoved, subset) for subset in requests.subsets]
         for c in cuts:
-            say(f"| {name} | {c.subset_px} | {c.resolution_px:.1f} | {c.noise_px:.4f} | {c.mei_px2:.3f} | {100.0 * c.points:.1f} |")
+            print_line(f"| {name} | {c.subset_px} | {c.resolution_px:.1f} | {c.noise_px:.4f} | {c.mei_px2:.3f} | {100.0 * c.points:.1f} |")
         if "believed" not in name:
             figures[f"**{name}**"] = summary_px2(cuts)
-    say("\n| rank | entry | MEI px^2 |\n|---|---|---|")
+    print_line("\n| rank | entry | MEI px^2 |\n|---|---|---|")
     for rank, (name, value) in enumerate(sorted(figures.items(), key=lambda item: item[1]), start=1):
-        say(f"| {rank} | {name} | {value:.3f} |")
+        print_line(f"| {rank} | {name} | {value:.3f} |")
 
 
 if __name__ == "__main__":

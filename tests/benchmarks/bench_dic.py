@@ -78,7 +78,7 @@ class Watch:
         self.cpu.append(time.process_time() - cpu)
 
 
-def say(what: str, value: float, unit: str, bar: str = "") -> None:
+def report(what: str, value: float, unit: str, bar: str = "") -> None:
     """One line."""
     sys.stdout.write(f"{what:58} {value:9.3f} {unit:10} {bar}\n")
     sys.stdout.flush()
@@ -162,8 +162,8 @@ def scaling(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], grid: Grid) -> No
     for what, bar in (("IC-GN alone, 2 grey", "1.8"), ("new reference, 2 grey", "1.6")):
         ours = best[what, 1] / best[what, 2]
         machine = 2.0 * best[f"{what}, one process", 1] / best[f"{what}, two processes", 1]
-        say(f"{what}, one thread over two", ours, "x wall", f"bar {bar}")
-        say("machine gives: two processes over one", machine, "x work", f"ours is {100.0 * ours / machine:.0f} % of it")
+        report(f"{what}, one thread over two", ours, "x wall", f"bar {bar}")
+        report("machine gives: two processes over one", machine, "x work", f"ours is {100.0 * ours / machine:.0f} % of it")
 
 
 def kernel(reference: dic.Reference, image: NDArray[np.uint8], grid: Grid) -> Callable[[], object]:
@@ -201,7 +201,7 @@ def speed(pairs: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]], grid: G
     for (what, count), watch in watches.items():
         wall, cpu = bars.get(what, ("", "")) if count == 2 else ("", "")
         for unit, values, bar in (("s wall", watch.wall, wall), ("s CPU", watch.cpu, cpu)):
-            say(f"{what}, {count} threads (median {np.median(values):.3f})", min(values), unit, bar and f"bar {bar}")
+            report(f"{what}, {count} threads (median {np.median(values):.3f})", min(values), unit, bar and f"bar {bar}")
 
 
 def accuracy(rendered: tuple[NDArray[np.float64], NDArray[np.float64]], grid: Grid) -> None:
@@ -248,7 +248,7 @@ def sizes() -> None:
         watch = Watch([], [])
         for _ in range(runs):
             watch.run(lambda: dic.match(first, second, grid, settings))  # noqa: B023
-        say(
+        report(
             f"{grid.nx * grid.ny} points, {width} x {height} px, per point",
             1e6 * min(watch.cpu) / (grid.nx * grid.ny),
             "us CPU",
@@ -260,8 +260,8 @@ def sizes() -> None:
     watch = Watch([], [])
     for _ in range(3):
         watch.run(lambda: dic.match(first, second, grid, settings))
-    say(f"4096 x 4096 px, {grid.nx * grid.ny} points", min(watch.wall), "s wall", "bar 3")
-    say("", min(watch.cpu), "s CPU")
+    report(f"4096 x 4096 px, {grid.nx * grid.ny} points", min(watch.wall), "s wall", "bar 3")
+    report("", min(watch.cpu), "s CPU")
 
 
 def faults(work: Callable[[], object]) -> None:
@@ -274,8 +274,8 @@ def faults(work: Callable[[], object]) -> None:
         for _ in range(RUNS):
             work()
         after = resource.getrusage(resource.RUSAGE_SELF)
-        say(f"page faults of a pair, {count} threads", (after.ru_minflt - before.ru_minflt) / RUNS, "")
-        say("system time of a pair", 1e3 * (after.ru_stime - before.ru_stime) / RUNS, "ms")
+        report(f"page faults of a pair, {count} threads", (after.ru_minflt - before.ru_minflt) / RUNS, "")
+        report("system time of a pair", 1e3 * (after.ru_stime - before.ru_stime) / RUNS, "ms")
     config.NUMBA_NUM_THREADS = usual
 
 
@@ -285,8 +285,8 @@ def memory(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], folder: Path) -> N
     np.save(path, np.stack(pair))
     done = subprocess.run([sys.executable, "-c", MEMORY, str(path)], check=True, capture_output=True, text=True)
     imported, peak = (float(word) for word in done.stdout.split())
-    say("peak memory of a process that does it", peak, "MB", "bar 400")
-    say("of that, the interpreter and its imports", imported, "MB")
+    report("peak memory of a process that does it", peak, "MB", "bar 400")
+    report("of that, the interpreter and its imports", imported, "MB")
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
     python tests/benchmarks/bench_foretold.py [--first 3] [--second 4] [--times 3] [--write]
 
 A run of 15 pairs with one of two easily confused effects, at so many times the detection limit, determines how large both
-would be; that foretells the logarithm of the odds that an experiment gives for the true one. Then the experiment is simulated (another
+would be; this forecasts the logarithm of the odds that an experiment gives for the true one. Then the experiment is simulated (another
 drift, other stage errors, other noise; the simulators' own effects, at displacement level, 0.02 px of noise shared over subsets, 1 % of the
 points missing, 0.1 % wrong), and its data give the odds.
 """

@@ -77,7 +77,7 @@ def rendered(pairs: int, size_px: tuple[int, int], *effects: Effect, yaw_rad: fl
         shift = SHIFTS_PX[min(pair, len(SHIFTS_PX) - 1)]
         motion = at_rest(shift, scenario.specimen.gradient(load_n, yaw_rad * (pair % 2)), load_n)
         for member in (0, 1):
-            # In 16 bit: grey rounded to 8 bit without noise is a quarter of a level off, alike all over the gold.
+            # In 16 bit: grey rounded to 8 bit without noise is a quarter of a level off, equally all over the gold.
             images.append(render_frame(scenario, at_s, motion, 2 * pair + member, column).astype(np.float32) / 256.0)
             starts.append(at_s)
             at_s += scan.frame_time_s + scan.gap_s

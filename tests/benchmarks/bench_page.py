@@ -81,7 +81,7 @@ class Shown:
         reported = StateMessage(time_ns=self.clock.now_ns(), before="ready", after=after, cause="start", step=0, guards={})
         self.recorder.write("/state", reported)
 
-    def say(self, text: str) -> None:
+    def post_message(self, text: str) -> None:
         self.recorder.write("/log", LogLineMessage(time_ns=self.clock.now_ns(), level="info", text=text))
         # Lines are telemetry to the recorder; an event behind it takes it along.
         self.enter(int(time.monotonic() * 1000))
@@ -148,7 +148,7 @@ def log_to_page(page: Page, one: Shown, events: int) -> list[float]:
     reported: dict[str, float] = {}
     for number in range(events):
         reported[f"event {number}"] = 1e3 * time.time()
-        one.say(f"event {number}")
+        one.post_message(f"event {number}")
         one.reading(number)
         page.wait_for_timeout(int(1e3 * (0.06 + 0.05 * ((number * 0.618) % 1.0))))
     page.wait_for_timeout(1000)

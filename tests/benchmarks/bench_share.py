@@ -3,7 +3,7 @@
     python tests/benchmarks/bench_share.py [--files 300] [--seed 1] [--seconds-away 8]
 
 Needs root and the packages samba and smbnetfs. The server answers at 127.0.0.45 alone. Files are written on the server's own disk, as a
-microscope's computer does, in the patterns of bench_watch.py, a step a second by the real clock; the watch sees the mounted folder, as
+microscope's computer does, in the patterns of bench_watch.py, a step a second by the real clock; the watch uses the mounted folder, as
 the control computer does. When all are there, and many still wait to be judged, the server is killed and comes back. Left out is what
 changes with its size and modification time put back: Samba reports the modification time as the time of change. One JSON line is printed;
 the code is 1 if any verdict is wrong, missing or given twice.
@@ -86,7 +86,7 @@ class Server:
 
 @contextlib.contextmanager
 def mounted(folder: Path) -> Iterator[Path]:
-    """The share as another computer sees it."""
+    """The share mounted on another computer."""
     home, place = folder / "home", folder / "mounted"
     place.mkdir()
     (home / ".smb").mkdir(parents=True)

@@ -56,7 +56,7 @@ def experiment(name: str, peak_px: float, conditions: Conditions, grid: Grid = G
     return observed(conditions, hidden_effect(name, peak_px, conditions.seed), grid)
 
 
-def swallowed(observation: Observation) -> Swallowed:
+def absorbed(observation: Observation) -> Swallowed:
     """Fit both."""
     baseline = noise_scaled_baseline(observation)
     whole = _between(baseline.design.whiten(observation.disparity_px))
@@ -118,7 +118,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=701)
     requests = parser.parse_args()
     observation = experiment(requests.effect, requests.peak_px, Conditions(requests.seed))
-    sys.stdout.write(summary(requests.effect, swallowed(observation), diagnose(observation)))
+    sys.stdout.write(summary(requests.effect, absorbed(observation), diagnose(observation)))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Random text tables under random conventions: each is read right, or the table is refused.
 
-Two judges decide what is right: the writer of the table knows every number, and a slow reader that shares no code with
+Two judges decide what is right: the writer of the table has every number, and a slow reader that shares no code with
 semlive (`table_oracle`) lists all readings of the bytes under any convention. Every fourth table is a disparity map with the names of a DIC
 program, which takes the fast path of the import.
 
@@ -412,7 +412,7 @@ tables under random conventions (separator, decimal sign, thousands, quotes, uni
 lines with a missing or additional cell, lines above the names) and reads them with the reader of the load file, the csv
 parts, imported maps and `frames.csv`.
 
-Two judges decide what is right. The writer of a table knows every number. A slow reader that shares no code with
+Two judges decide what is right. The writer of a table has every number. A slow reader that shares no code with
 semlive lists every reading of the bytes under any convention, and an accepted reading must be one of them. A table with
 two readings may be refused.
 

@@ -124,7 +124,7 @@ def test_a_master_gets_the_truth_or_an_error_and_then_the_truth_again(bench: Tro
         # An echo over TCP has the right transaction number: pymodbus takes it for an answer without registers.
         assert spoilt in (None, [0x5E31, 1]) or (line, trouble, spoilt) == ("tcp", LineFault.ECHO, [])
         if trouble in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE):
-            assert spoilt is not None  # within the master's patience
+            assert spoilt is not None  # within the master's timeout
         if trouble is LineFault.LOST or (line, trouble) == ("rtu", LineFault.WRONG_CHECK):
             assert spoilt is None
         time.sleep(0.15)  # what comes late has come
@@ -189,7 +189,7 @@ def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: 
 
 
 @pytest.mark.parametrize(
-    ("trouble", "hears"),
+    ("trouble", "expected_reply"),
     [
         (LineFault.LATE, b"S M\r\n"),
         (LineFault.LOST, b""),
@@ -201,10 +201,10 @@ def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: 
         (LineFault.SILENT, b""),
     ],
 )
-def test_letters_over_pyserial(bench: Troubled, trouble: LineFault, hears: bytes) -> None:
+def test_letters_over_pyserial(bench: Troubled, trouble: LineFault, expected_reply: bytes) -> None:
     with serial.Serial(bench.stand, 115_200) as port:
 
-        def heard(expected: bytes) -> bytes:
+        def received(expected: bytes) -> bytes:
             """As much as is wanted, however long that takes, and what comes then unasked."""
             port.timeout = 20.0 if expected else 0.0
             first = port.read(len(expected))
@@ -214,13 +214,13 @@ def test_letters_over_pyserial(bench: Troubled, trouble: LineFault, hears: bytes
         bench.order(trouble, "serial", wait_s=30.0 if trouble is LineFault.SILENT else 0.1)
         began = time.monotonic()
         port.write(b"p")
-        assert heard(hears) == hears
+        assert received(expected_reply) == expected_reply
         if trouble is LineFault.SILENT:
             assert not bench.control.write_registers(900, [0, 0, 0, 0], device_id=UNIT).isError()
         if trouble in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE):
             assert time.monotonic() - began > 0.1
         port.write(b"p")
-        assert heard(b"S M\r\n") == b"S M\r\n"
+        assert received(b"S M\r\n") == b"S M\r\n"
 
 
 @pytest.mark.parametrize("words", [[10, 1, 1, 1], [1, 8, 1, 1]])

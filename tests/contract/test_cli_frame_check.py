@@ -96,8 +96,8 @@ def test_bad_input_gives_one_error_line(check: Check, arguments: list[str], sent
 
 
 def test_a_device_that_accepts_and_never_answers_gives_one_error_line(check: Check) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as deaf:
-        code, out, error = check("bench", "--port", str(deaf.getsockname()[1]), "--timeout-s", "0.2")
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        code, out, error = check("bench", "--port", str(silent.getsockname()[1]), "--timeout-s", "0.2")
     assert (code, out) == (2, "")
     assert "gave no answer within 0.2 s" in error
     assert error.endswith("check cable and device, and that host, port and unit are its own")

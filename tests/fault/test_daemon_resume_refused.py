@@ -36,5 +36,5 @@ def test_a_second_daemon_on_the_same_run_is_refused(patient: Any) -> None:
     code, printed = patient.end()
     assert code == 2
     assert "protocol.load_tolerance_n is 15.0 in the configuration and 10.0 in the log" in printed
-    # The truncated segment was completed at once, and nothing was begun.
+    # The truncated segment was completed at once, and no motion was started.
     assert [path.name for path in patient.log.glob("*.mcap")] == ["run.000.mcap"]

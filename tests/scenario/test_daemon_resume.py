@@ -67,7 +67,7 @@ def sums_in_one_order() -> Iterator[None]:
 def resumed(instrument: Callable[..., Any], wait_until: Callable[..., None], watched: Callable[[Path], Any]) -> Any:
     """Killed while the second pair is half, resumed, killed before the last pair is analysed, and resumed again.
 
-    Both instants last for less than a second. A kill that came after its instant is another case: then the run is begun again.
+    Both instants last for less than a second. A kill that came after its instant is another case: then the run is started again.
     """
     for attempt in range(ATTEMPTS):
         try:

@@ -12,7 +12,7 @@ import pytest
 
 from semlive.service.log.files import messages
 
-# With 40 s a frame the hold of a step ends soon after a scan has begun, which a microscope that is not asked wastes.
+# With 40 s a frame the hold of a step ends soon after the start of a scan, which a free-running microscope wastes.
 SCENARIO = """
 extends: paper_x200
 scan: {width_px: 256, height_px: 221, frame_time_s: 40.0}

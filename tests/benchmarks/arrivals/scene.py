@@ -55,7 +55,7 @@ class Scene:
     rng: np.random.Generator
     vendor: str | None = None
     watched_at: Path | None = None
-    """Where the watch sees the folder, if not at `path`: on another computer's side of a share."""
+    """Path of the folder for the watch, if not at `path`: on another computer's side of a share."""
     expected: dict[str, Expected] = field(default_factory=dict)
     files: list[ExportedFile] = field(default_factory=list)
     refused: list[RejectedFile] = field(default_factory=list)

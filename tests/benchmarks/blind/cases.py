@@ -30,7 +30,7 @@ FIRST_SEED = {"development": 1, "final": 100_001}
 """Nothing may be chosen by the results of the final set."""
 WIDEST = 1.0
 """Error of a row time: the largest in the catalogue. Where the drift's rate hardly varies maps show little even of that."""
-NOTHING, ONE, TWO, STRANGER = "nothing", "one", "two", "stranger"
+NOTHING, ONE, TWO, UNLISTED = "nothing", "one", "two", "stranger"
 DEFORMED_LAW, REMOVED, CONFOUNDED = "deformed", "left out", "confounded"
 SWALLOWED = (  # by the distortion, the gauge, the free strain or the drift: one experiment cannot separate them from these
     "flyback_settling", "frame_start_settling", "line_sync_hum", "scan_nonlinearity", "anisotropic_pixel", "scan_nonorthogonality",
@@ -51,9 +51,9 @@ class Case:
     """What is hidden.
 
     Attributes:
-        kind: nothing; one, or two; a stranger; one with a deformed law, one that is left out of the dictionary, one that is confounded.
+        kind: nothing; one, or two; an unlisted effect; one with a deformed model; one removed from the dictionary; a confounded one.
         names: of what is hidden.
-        size: times what can be detected; px of a stranger; what is confounded is as large as the library has it at x200.
+        size: times what can be detected; px of an unlisted effect; what is confounded is as large as the library has it at x200.
         seed: of everything.
         white: whether points share no noise and none is lost or wrong.
     """
@@ -76,13 +76,13 @@ class Case:
 
     def sized(self) -> tuple[Effect, ...]:
         """The same, without the cache."""
-        if self.kind == STRANGER:
-            return (self._stranger(),)
+        if self.kind == UNLISTED:
+            return (self._unlisted_effect(),)
         if self.kind == CONFOUNDED:
             return (LIBRARY[self.names[0]].defaults("x200"),)
         return tuple(self._effect(name, peak_px(name, self.size)) for name in self.names)
 
-    def _stranger(self) -> Effect:
+    def _unlisted_effect(self) -> Effect:
         kind = STRANGE[self.names[0]]
         return kind(self.size**2 / largest_px(self.conditions(), (kind(self.size, self.seed),)), self.seed)
 
@@ -110,7 +110,7 @@ class Case:
 
     def truth(self) -> dict[str, dict[str, float]]:
         """What diagnosis should report of each effect."""
-        if self.kind in (STRANGER, CONFOUNDED, DEFORMED_LAW):
+        if self.kind in (UNLISTED, CONFOUNDED, DEFORMED_LAW):
             return {name: {} for name in self.names}
         return {name: hidden_values(name, one) for name, one in zip(self.names, self.effects(), strict=True)}
 
@@ -132,7 +132,7 @@ class Case:
         )
 
     def dictionary(self) -> tuple[EffectClass, ...]:
-        """The effects that diagnosis knows."""
+        """The effects in the dictionary of diagnosis."""
         return tuple(one for one in EFFECT_CLASSES if self.kind != REMOVED or one.name not in self.names)
 
     def observed(self, grid: Grid = GRID, settings: EstimateSettings | None = None) -> Observation:
@@ -192,7 +192,7 @@ def cases(which: str, counts: Counts, sizes: Sequence[float], names: Sequence[st
         if number < counts.strange:
             for name in STRANGE:
                 for size_px in (0.03, 0.1):
-                    yield Case(STRANGER, (name,), size_px, first + 4000 + number)
+                    yield Case(UNLISTED, (name,), size_px, first + 4000 + number)
         for kind, count, effect_names in (
             (DEFORMED_LAW, counts.deformed, DEFORMED),
             (REMOVED, counts.removed, tuple(DETECTABLE_PX)),

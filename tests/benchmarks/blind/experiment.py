@@ -195,7 +195,7 @@ class OfColumn:
 
     @classmethod
     def in_world(cls, world: World) -> OfColumn:
-        """That of a world whose scan is alike at all times."""
+        """That of a world with a constant scan."""
         scan = world.column.scan
         bent = world.column.effects.deflection(Instants(np.zeros(1), 0.0, 0, scan, at_rest((0.0, 0.0), np.zeros((2, 2)))))
         return cls(world.distortion, scan.rotation if bent is None else scan.rotation @ (np.eye(2) - bent[0]))

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from blind.cases import CONFOUNDED, DEFORMED_LAW, NOTHING, ONE, REMOVED, STRANGER, TWO, Case
+from blind.cases import CONFOUNDED, DEFORMED_LAW, NOTHING, ONE, REMOVED, TWO, UNLISTED, Case
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from scipy.stats import beta
 
@@ -100,7 +100,7 @@ def bars(scored: Scored) -> Iterable[Bar]:
     yield Bar("two effects at 8 times, both found", both, len(doubles), 0.95, below=False)
     yield Bar("two effects at 8 times, and no other", by[TWO, 8.0].count("right"), len(doubles), 0.90, below=False)
     for size, limit in ((0.1, 0.95), (0.03, 0.85)):
-        printed = by[STRANGER, size]
+        printed = by[UNLISTED, size]
         yield Bar(f"UNKNOWN for an unlisted effect, {size:g} px", printed.count("UNKNOWN"), len(printed), limit, below=False)
     yield Bar(
         "correct effect at 8 times, modified time course",
@@ -111,8 +111,8 @@ def bars(scored: Scored) -> Iterable[Bar]:
     )
     removed = [verdict["outcome"] for case, verdict in scored if case.kind == REMOVED]
     yield Bar("UNKNOWN at 8 times, removed from the dictionary", removed.count("UNKNOWN"), len(removed), 0.95, below=False)
-    swallowed = [verdict["outcome"] for case, verdict in scored if case.kind == CONFOUNDED]
-    yield Bar("IDENTIFIED although not separable by one run", swallowed.count("IDENTIFIED"), len(swallowed), 0.01, below=True)
+    confounded = [verdict["outcome"] for case, verdict in scored if case.kind == CONFOUNDED]
+    yield Bar("IDENTIFIED although not separable by one run", confounded.count("IDENTIFIED"), len(confounded), 0.01, below=True)
 
 
 def table(scored: Scored) -> str:
@@ -201,10 +201,10 @@ def _missed(scored: Scored) -> list[str]:
 
 
 _WORDS = {"right": "correct", "set": "AMBIGUOUS with the truth in the set", "wrong": "wrong effect"}
-_KINDS = {ONE: "single", TWO: "two", STRANGER: "unlisted", DEFORMED_LAW: "modified", REMOVED: "removed", CONFOUNDED: "not separable"}
+_KINDS = {ONE: "single", TWO: "two", UNLISTED: "unlisted", DEFORMED_LAW: "modified", REMOVED: "removed", CONFOUNDED: "not separable"}
 _FINE = {
     (NOTHING, "NONE"),
-    (STRANGER, "UNKNOWN"),
+    (UNLISTED, "UNKNOWN"),
     (REMOVED, "UNKNOWN"),
     (CONFOUNDED, "NONE"),
     (CONFOUNDED, "UNKNOWN"),

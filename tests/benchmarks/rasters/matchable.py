@@ -109,7 +109,7 @@ def sigma_bound_px(s: Scene, x_px: NDArray[np.int64], y_px: NDArray[np.int64]) -
 
 
 def agreement(s: Scene) -> tuple[Field, Field]:
-    """(height, width) correlation of the noise-free contents of both templates, and the shift that their difference feigns in px."""
+    """(height, width) correlation of the noise-free contents of both templates, and the apparent shift of their difference in px."""
     f, g = s.clean_first, at_second(s, s.clean_second, 128.0)
     y, x = np.mgrid[:HEIGHT_PX, :WIDTH_PX].astype(float)
     count, half = TEMPLATE_PX**2, TEMPLATE_PX // 2

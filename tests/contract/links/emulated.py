@@ -110,13 +110,13 @@ def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0
     requested: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
     def receive() -> None:
-        heard = b""
+        received = b""
         while not over.is_set():
             if not select.select([ours], [], [], 0.05)[0]:
                 continue
-            heard += os.read(ours, 4096)
-            while frame := _first_frame(heard):
-                heard = heard[len(frame) :]
+            received += os.read(ours, 4096)
+            while frame := _first_frame(received):
+                received = received[len(frame) :]
                 requested.put(frame)
 
     def speak() -> None:
@@ -147,11 +147,11 @@ def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0
         os.close(theirs)
 
 
-def _first_frame(heard: bytes) -> bytes:
-    if len(heard) < 8:
+def _first_frame(received: bytes) -> bytes:
+    if len(received) < 8:
         return b""
-    length = 8 if heard[1] in (1, 2, 3, 4, 5, 6) else 9 + heard[6]
-    return heard[:length] if len(heard) >= length and crc(heard[: length - 2]) == heard[length - 2 : length] else b""
+    length = 8 if received[1] in (1, 2, 3, 4, 5, 6) else 9 + received[6]
+    return received[:length] if len(received) >= length and crc(received[: length - 2]) == received[length - 2 : length] else b""
 
 
 @dataclass

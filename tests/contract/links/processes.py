@@ -1,4 +1,4 @@
-"""Starts the peers as processes and speaks to them behind the drivers' back."""
+"""Starts the peers as processes and accesses them without the drivers."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Protocol(RuleBasedStateMachine):
         self.run = Record()
 
     def _send(self, event: Event) -> None:
-        self.run.tell(event)
+        self.run.send(event)
 
     @initialize()
     def begin(self) -> None:

@@ -89,7 +89,7 @@ def test_strain_noise_is_that_of_draws(window: int) -> None:
 
 
 def test_a_typical_distortion_causes_the_apparent_strain_of_the_paper() -> None:
-    """Fig. 16: 5 px feign exx -1.5e-4 ... 1e-4, exy -3.3e-4 ... 4.3e-4, eyy -4e-4 ... 6e-4."""
+    """Fig. 16: a shift of 5 px gives an apparent exx -1.5e-4 ... 1e-4, exy -3.3e-4 ... 4.3e-4, eyy -4e-4 ... 6e-4."""
     typical = typical_distortion(PAPER, 1024, 884)
     worst = {}
     for shift in ((5.0, 0.0), (0.0, 5.0)):

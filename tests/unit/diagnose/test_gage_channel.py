@@ -38,7 +38,7 @@ def readings(
 
     Args:
         seed: of all noise.
-        per_n: strain that a lift feigns.
+        per_n: apparent strain of a lift.
         factor: what the gage's is; None draws it.
         zero: of the gage.
         step: strain that only maps show, equal at all loads.

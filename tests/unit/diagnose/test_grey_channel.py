@@ -1,4 +1,4 @@
-"""Grey levels of frames made here: each effect by its own law, honest figures, nothing where there is nothing."""
+"""Grey levels of frames made here: each effect by its own model, correct uncertainties, no finding without an effect."""
 
 from __future__ import annotations
 

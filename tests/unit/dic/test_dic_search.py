@@ -1,4 +1,4 @@
-"""What is known of the motion helps: a regular grid of dots is no riddle if nothing moved by half of its pitch."""
+"""A prior of the motion helps: a regular grid of dots is not ambiguous if nothing moved by half of its pitch."""
 
 import numpy as np
 import pytest

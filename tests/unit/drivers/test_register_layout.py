@@ -100,7 +100,7 @@ def test_where_two_layouts_give_the_same_values_both_are_named_and_how_to_decide
     ],
     ids=["table", "words", "bytes"],
 )
-def test_table_words_and_bytes(registers: dict[Register, int], words: str) -> None:
+def test_register_and_byte_order_table(registers: dict[Register, int], words: str) -> None:
     verdict, observation, _ = order_of(diagnosed(registers))
     assert verdict is Verdict.FAILED
     assert words in observation

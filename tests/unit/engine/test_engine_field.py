@@ -39,7 +39,7 @@ def test_a_run_takes_back_what_the_drift_carried_away() -> None:
         run.scan()
         now, first = run.state.plan.steps[pair].shift_um, plan.steps[0].shift_um
         moved = tuple((at - began) / UM_PER_PX + off for at, began, off in zip(now, first, drift, strict=True))
-        run.tell(FieldOfViewMeasured(run.now_ns, pair, (moved[0], moved[1])))
+        run.send(FieldOfViewMeasured(run.now_ns, pair, (moved[0], moved[1])))
         # The analysis of a pair ends after the next step began: the remaining offset is the drift of two pairs.
         remaining = [off - before for off, before in zip(drift, drift_px[max(0, pair - 2)], strict=True)]
         assert astray_px(run.state.plan, pair, drift) == pytest.approx(remaining if pair > 1 else drift)

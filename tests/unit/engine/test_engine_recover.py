@@ -56,9 +56,9 @@ def taken_up(run: Run, before: InterruptedRun) -> Run:
     """A new engine for the same machine, asked up to where it asks."""
     run.commands.clear()
     run.state = start(run.plan, run.now_ns, interrupted_run=before)
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(LinksReady(run.now_ns, IDENTITY if run.has_load else None, IDENTITY if run.has_stage else None))
+    run.send(LinksReady(run.now_ns, IDENTITY if run.has_load else None, IDENTITY if run.has_stage else None))
     return run
 
 
@@ -75,7 +75,7 @@ def test_it_asks_first_and_then_enters_the_step_again_in_full(pairs: int, state:
     assert run.of(MoveStage) == run.of(RampTo) == run.accepted == []
     assert changed_since(run.state) is None
     assert f"begins step {pairs + 1} again" in run.state.message
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert State.RAMPING in run.path
     for pair in range(pairs, len(PLAN.steps)):
         run.reach(State.IMAGING)
@@ -92,7 +92,7 @@ def test_a_run_without_stage_needs_none() -> None:
     run.begin()
     run.reach(State.HOLDING)
     taken_up(run, InterruptedRun((), None, run.state.devices.load, None))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
 
@@ -110,7 +110,7 @@ def test_a_changed_load_or_stage_position_is_reported() -> None:
     run.force_n -= 30.0
     assert "the load is 170.0 N now, and was 200.0 N" in taken_up(run, before).state.message
     assert fault_of(run) is FaultCode.MOVED_AT_REST
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert run.state.state is State.RESUMING
     assert "look first: the load is 170.0 N now, and was 200.0 N" in run.state.message
     run, before = interrupted(1)
@@ -152,26 +152,26 @@ def test_a_device_that_does_not_hold_the_last_order_is_a_fault_before_the_first_
     run, before = interrupted(1)
     run.commands.clear()
     run.state = start(run.plan, run.now_ns, interrupted_run=before)
-    run.tell(LinksOpening(run.now_ns))
-    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N", orders_cleared=cleared)))
+    run.send(LinksOpening(run.now_ns))
+    run.send(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N", orders_cleared=cleared)))
     assert fault_of(run) is code
     assert len(run.of(StopMotion)) == 1
     run.readings()
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))  # before it is known which devices the run has
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))  # before it is known which devices the run has
     assert run.state.state is State.FAULT
     assert "cannot resume: the devices and the analysis are not ready yet" in run.state.message
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     assert run.state.state is State.FAULT
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert run.state.state is State.RESUMING
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert State.RAMPING in run.path
 
 
 def test_a_new_run_has_no_order_to_compare() -> None:
     run = Run(PLAN)
-    run.tell(LinksOpening(run.now_ns))
-    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N")))
+    run.send(LinksOpening(run.now_ns))
+    run.send(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N")))
     assert run.state.state is State.CONNECTING
 
 
@@ -181,11 +181,11 @@ def test_a_load_frame_that_was_found_moving_does_not_match_the_log(device: Devic
     run.commands.clear()
     run.load_goal_n = None
     run.state = start(run.plan, run.now_ns, interrupted_run=before)
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(DeviceStopped(run.now_ns, device, "it moved before it was commanded"))
+    run.send(DeviceStopped(run.now_ns, device, "it moved before it was commanded"))
     assert run.state.state is State.CONNECTING
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     assert run.state.state is State.RESUMING
     assert (changed_since(run.state) is None) is unchanged
     assert ("look first: the load frame was still moving" in run.state.message) is not unchanged
@@ -193,14 +193,14 @@ def test_a_load_frame_that_was_found_moving_does_not_match_the_log(device: Devic
 
 def test_a_new_run_does_not_begin_on_a_machine_that_was_found_moving() -> None:
     run = Run(PLAN)
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "it moved before it was commanded"))
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.START))
+    run.send(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "it moved before it was commanded"))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.START))
     assert run.state.state is State.FAULT
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert run.state.state is State.RAMPING
 
 
@@ -217,8 +217,8 @@ def test_a_confirmed_difference_does_not_affect_a_later_fault() -> None:
     run, before = interrupted(1)
     run.force_n -= 30.0
     taken_up(run, before)
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert State.RAMPING in run.path
     assert changed_since(run.state) is None
 
@@ -227,15 +227,15 @@ def test_a_watchdog_that_stopped_the_machine_is_acknowledged_once_and_a_fault_th
     run, before = interrupted(1)
     run.commands.clear()
     run.state = start(PLAN, run.now_ns, interrupted_run=before)
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     for _ in range(3):
         sick = replace(run.load_sample(), motion=MotionState.FAULT)
-        run.tell(LoadReading(run.now_ns, sick))
+        run.send(LoadReading(run.now_ns, sick))
     assert len(run.of(StopMotion)) == 1
     run.readings()
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     assert run.state.state is State.RESUMING
-    run.tell(LoadReading(run.now_ns + 1, replace(run.load_sample(), motion=MotionState.FAULT, time_ns=run.now_ns + 1)))
+    run.send(LoadReading(run.now_ns + 1, replace(run.load_sample(), motion=MotionState.FAULT, time_ns=run.now_ns + 1)))
     assert run.state.state is State.FAULT
 
 
@@ -245,7 +245,7 @@ def test_the_field_is_recentred_from_its_position_in_the_last_pair() -> None:
     done = replace(before.completed_pairs[0], step=replace(before.completed_pairs[0].step, shift_um=(2.0, 0.0)))
     run.plan = plan
     taken_up(run, replace(before, completed_pairs=(done,), field_of_view=FieldOfViewMeasured(T0, 0, (-5.0, 0.0))))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     # The pair's own correction counts: 2 um then, and 5 px more are to be made good.
     assert run.of(MoveStage)[-1].x_um == pytest.approx(7.0 + 6.0 + 2.0 + 5.0)
 

@@ -56,7 +56,7 @@ def test_a_frame_that_arrives_while_holding() -> None:
     run = Run(plan_of((HERE, 200.0)))
     run.begin()
     run.reach(State.HOLDING)
-    run.tell(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
+    run.send(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
     assert "before the hold of step 1 ended" in only_reason(run)
 
 
@@ -68,25 +68,25 @@ def test_a_frame_that_arrives_before_the_hold(state: State, why: str) -> None:
     run = Run(plan_of((HERE, 200.0)))
     run.begin()
     run.reach(state)
-    run.tell(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
+    run.send(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
     assert only_reason(run) == f"frame0000.tif is not used: {why} when it arrived"
 
 
 def test_a_frame_outside_of_all_steps() -> None:
     run = Run(plan_of((HERE, 200.0)))
-    run.tell(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
+    run.send(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
     assert "no step was being imaged (the run is idle)" in only_reason(run)
 
 
 def test_a_frame_from_a_sem_whose_clock_is_ahead(imaging: Run) -> None:
-    imaging.tell(FrameScanned(imaging.now_ns, frame(0, imaging.now_ns + 3600 * S)))
+    imaging.send(FrameScanned(imaging.now_ns, frame(0, imaging.now_ns + 3600 * S)))
     imaging.wait(1.0)
     assert "its scan ended 3689.1 s after it arrived; set the SEM's clock" in only_reason(imaging)
 
 
 def test_the_same_frame_twice(imaging: Run) -> None:
     info = imaging.scan()
-    imaging.tell(FrameScanned(imaging.now_ns, replace(info, export=1, name="copy.tif")))
+    imaging.send(FrameScanned(imaging.now_ns, replace(info, export=1, name="copy.tif")))
     imaging.wait(1.0)
     assert "copy.tif is not used: it does not follow frame0000.tif" in only_reason(imaging)
 
@@ -145,7 +145,7 @@ def test_focus_that_is_changed_inside_a_pair_costs_its_first_frame(imaging: Run)
         info = frame(number, imaging.now_ns)
         imaging.wait(92.0)
         column = ColumnSettings(working_distance_m=Sourced(distance_m, Provenance.FILE))
-        imaging.tell(FrameScanned(imaging.now_ns, replace(info, column=column)))
+        imaging.send(FrameScanned(imaging.now_ns, replace(info, column=column)))
         imaging.wait(1.0)
     assert only_reason(imaging) == "frame0000.tif is not used: the frame after it has working distance 0.011 m instead of 0.01 m"
 
@@ -156,7 +156,7 @@ def test_tilt_correction_that_is_switched_on_inside_a_pair_costs_its_first_frame
         info = frame(number, imaging.now_ns)
         imaging.wait(92.0)
         geometry = ScanGeometry(tilt_correction=Sourced(is_on, Provenance.FILE))
-        imaging.tell(FrameScanned(imaging.now_ns, replace(info, geometry=geometry)))
+        imaging.send(FrameScanned(imaging.now_ns, replace(info, geometry=geometry)))
         imaging.wait(1.0)
     assert only_reason(imaging) == "frame0000.tif is not used: the frame after it has tilt correction on instead of off"
     assert imaging.accepted == []
@@ -175,7 +175,7 @@ def test_a_frame_waits_until_the_load_at_the_end_of_its_scan_is_measured(imaging
     imaging.scan()
     info = frame(9, imaging.now_ns)
     imaging.wait(90.0)
-    imaging.tell(FrameScanned(imaging.now_ns + S, info))
+    imaging.send(FrameScanned(imaging.now_ns + S, info))
     assert imaging.accepted == []
     imaging.force_n = 150.0
     imaging.now_ns += S
@@ -188,8 +188,8 @@ def test_no_frame_is_judged_on_stale_samples(imaging: Run) -> None:
     imaging.scan()
     info = frame(9, imaging.now_ns)
     imaging.wait(92.0)
-    imaging.tell(LinkStale(imaging.now_ns, Device.LOAD_FRAME))
-    imaging.tell(FrameScanned(imaging.now_ns, info))
+    imaging.send(LinkStale(imaging.now_ns, Device.LOAD_FRAME))
+    imaging.send(FrameScanned(imaging.now_ns, info))
     assert imaging.accepted == imaging.refusals == []
     imaging.wait(1.0)
     assert len(imaging.accepted) == 1
@@ -199,7 +199,7 @@ def test_the_hold_does_not_end_on_stale_samples() -> None:
     run = Run(plan_of((HERE, 200.0)), has_stage=False)
     run.begin()
     run.reach(State.HOLDING)
-    run.tell(LinkStale(run.now_ns, Device.LOAD_FRAME))
+    run.send(LinkStale(run.now_ns, Device.LOAD_FRAME))
     run.has_load = False
     run.wait(60.0)
     assert run.state.state is State.HOLDING
@@ -210,15 +210,15 @@ def test_the_hold_does_not_end_on_stale_samples() -> None:
 
 def test_pausing_costs_the_pair_its_first_frame(imaging: Run) -> None:
     imaging.scan()
-    imaging.tell(OperatorAction(imaging.now_ns, OperatorCommand.PAUSE))
+    imaging.send(OperatorAction(imaging.now_ns, OperatorCommand.PAUSE))
     assert only_reason(imaging) == "frame0000.tif is not used: paused by the operator while imaging"
-    imaging.tell(FrameScanned(imaging.now_ns, frame(8, imaging.now_ns - 92 * S)))
+    imaging.send(FrameScanned(imaging.now_ns, frame(8, imaging.now_ns - 92 * S)))
     assert "the run was paused" in imaging.refusals[1]
 
 
 def test_an_unreadable_file_is_refused_with_its_own_message(imaging: Run) -> None:
     imaging.scan()
-    imaging.tell(FrameUnreadable(imaging.now_ns, 1, "frame0001.tif is cut off after 3 of 884 rows; export it again"))
+    imaging.send(FrameUnreadable(imaging.now_ns, 1, "frame0001.tif is cut off after 3 of 884 rows; export it again"))
     imaging.scan()
     assert only_reason(imaging) == "frame0001.tif is cut off after 3 of 884 rows; export it again"
     assert len(imaging.accepted) == 1

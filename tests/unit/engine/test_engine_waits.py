@@ -47,7 +47,7 @@ def pair(run: Run, rate_px_s: float, sigma_px_s: float = 0.0) -> None:
 
 
 def foresee(run: Run, rate_px_s: float, sigma_px_s: float = 0.0) -> None:
-    run.tell(DriftForecastUpdated(run.now_ns, len(run.accepted) - 1, ((run.now_ns, rate_px_s, sigma_px_s),)))
+    run.send(DriftForecastUpdated(run.now_ns, len(run.accepted) - 1, ((run.now_ns, rate_px_s, sigma_px_s),)))
 
 
 def test_nothing_is_loaded_before_the_drift_is_expected_to_be_slow() -> None:
@@ -101,7 +101,7 @@ def test_after_its_longest_wait_the_gate_prompts_and_the_operator_opens_it() -> 
         pair(run, 0.02, 0.003)
     assert "after 30 min of warming up the drift is expected to be 1.2 +- 0.18 px/min; resume continues nevertheless" in run.state.message
     assert run.of(RampTo) == []
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
 
@@ -151,10 +151,10 @@ def test_an_interrupted_warm_up_continues(forecast_given: bool) -> None:
         (1, True, None),
         (2, False, 100.0),
     ]
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     if not forecast_given:
         assert run.state.state is State.WARM_UP
         foresee(run, 0.04)
@@ -189,7 +189,7 @@ def test_a_hold_is_never_shorter_than_it_must_be_nor_longer_than_it_may(
     run.begin()
     run.reach(State.HOLDING)
     forecast = DriftForecastUpdated(run.now_ns, 0, tuple((run.now_ns + n * 20 * S, rate, 0.0) for n, rate in enumerate(rates)))
-    run.tell(forecast)
+    run.send(forecast)
     began_ns = run.now_ns
     while run.state.state is State.HOLDING:
         # The load creeps more and more slowly, within its tolerance of 10 N.
@@ -229,16 +229,16 @@ def test_frames_of_the_hold_determine_its_drift_better_than_a_forecast() -> None
     run.reach(State.HOLDING)
     foresee(run, 0.001)
     begin_ns = run.now_ns
-    run.tell(HoldDriftMeasured(run.now_ns, begin_ns - S, 0.05))  # between frames of an earlier hold
+    run.send(HoldDriftMeasured(run.now_ns, begin_ns - S, 0.05))  # between frames of an earlier hold
     run.wait(10.0)
-    run.tell(HoldDriftMeasured(run.now_ns, begin_ns, 0.05))
+    run.send(HoldDriftMeasured(run.now_ns, begin_ns, 0.05))
     run.wait(60.0)
     assert run.state.state is State.HOLDING
     assert "made longer, because the drift rate between frames of this hold was 3 px/min" in run.state.message
     foresee(run, 0.001)
     run.wait(10.0)
     assert run.state.state is State.HOLDING
-    run.tell(HoldDriftMeasured(run.now_ns, begin_ns + 40 * S, 0.015))
+    run.send(HoldDriftMeasured(run.now_ns, begin_ns + 40 * S, 0.015))
     run.wait(2.0)
     assert run.state.state is State.IMAGING
 
@@ -248,7 +248,7 @@ def test_drift_measured_in_an_earlier_hold_does_not_count() -> None:
     run.begin()
     run.reach(State.HOLDING)
     foresee(run, 0.001)
-    run.tell(HoldDriftMeasured(run.now_ns, run.now_ns - 60 * S, 0.05))
+    run.send(HoldDriftMeasured(run.now_ns, run.now_ns - 60 * S, 0.05))
     run.reach(State.IMAGING)
     assert held_s(run) == HOLD.hold_s
 

@@ -104,15 +104,15 @@ def test_the_engine_stops_and_holds_after_a_fall(state: State) -> None:
 def test_an_emergency_stop_or_a_limit_switch_is_an_emergency_anywhere(state: State, trouble: DeviceFault) -> None:
     run = Run(plan_of((HERE, 200.0)))
     if state is State.CONNECTING:
-        run.tell(LinksOpening(run.now_ns))
+        run.send(LinksOpening(run.now_ns))
     elif state is State.READY:
-        run.tell(LinksOpening(run.now_ns))
+        run.send(LinksOpening(run.now_ns))
         run.readings()
-        run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+        run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     else:
         run.begin()
         run.reach(state)
-    given = run.tell(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=trouble)))
+    given = run.send(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=trouble)))
     assert isinstance(given[0], StopMotion)
     assert run.state.state is (State.EMERGENCY_STOP if trouble.is_emergency else State.FAULT)
     assert str(trouble) in run.state.message
@@ -127,23 +127,23 @@ def test_an_emergency_that_lasts_does_not_keep_a_run_from_ending() -> None:
         run.now_ns += 10**8
         return LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=DeviceFault.LIMIT_SWITCH))
 
-    run.tell(pressed())
+    run.send(pressed())
     assert run.state.state is State.EMERGENCY_STOP
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.STOP))
     for _ in range(3):
-        run.tell(pressed())
+        run.send(pressed())
         assert run.state.state is not State.EMERGENCY_STOP
 
 
 def test_from_an_emergency_while_connecting_the_operator_leads_back() -> None:
     run = Run(plan_of((HERE, 200.0)))
-    run.tell(LinksOpening(run.now_ns))
-    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=DeviceFault.EMERGENCY_STOP)))
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(LinksOpening(run.now_ns))
+    run.send(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=DeviceFault.EMERGENCY_STOP)))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     assert run.state.state is State.EMERGENCY_STOP
     run.wait(1.0)
     for _ in range(2):
-        run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+        run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 200.0
 
@@ -151,7 +151,7 @@ def test_from_an_emergency_while_connecting_the_operator_leads_back() -> None:
 def test_a_stop_waits_as_long_as_is_configured_and_reports_for_whom() -> None:
     run = Run(replace(plan_of((HERE, 200.0)), limits=replace(LIMITS, stop_timeout_s=6.0)))
     run.begin()
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.STOP))
     run.has_load = False
     run.wait(4.0)
     assert run.state.state is State.STOPPING

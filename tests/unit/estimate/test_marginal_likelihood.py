@@ -36,7 +36,7 @@ def likelihood_and_prior(value_px: np.ndarray) -> tuple[LocalLikelihood, Smoothn
 
 
 def held_out(value_px: np.ndarray, belief: np.ndarray) -> float:
-    """Logarithm of the likelihood of each value as those before it foretell it, added up."""
+    """Logarithm of the likelihood of each value as predicted by those before it, added up."""
     spread, total = ROWS @ np.linalg.inv(belief) @ ROWS.T + NOISE_PX**2 * np.eye(len(ROWS)), 0.0
     for count, value in enumerate(value_px):
         weights = np.linalg.solve(spread[:count, :count], spread[:count, count]) if count else np.zeros(0)

@@ -99,12 +99,12 @@ def test_what_is_wrong_is_named(change: dict[str, Any], words: str) -> None:
 
 @pytest.mark.parametrize("device", ["load_frame", "stage"])
 def test_a_device_with_a_long_polling_period_is_refused_for_a_run_and_not_in_an_old_log(tmp_path: Path, device: str) -> None:
-    seldom = given(**{device: {**given()[device], "poll_s": 0.5}})
+    slow_polling = given(**{device: {**given()[device], "poll_s": 0.5}})
     path = tmp_path / "run.yaml"
-    path.write_text(yaml.safe_dump(seldom))
+    path.write_text(yaml.safe_dump(slow_polling))
     with pytest.raises(BadConfig, match=rf"{device}\.poll_s: 0\.5 s between readings, which are stale after limits\.stale_after_s, 0\.5 s"):
         load_config(path)
-    assert parse_config(seldom, "log").plan()
+    assert parse_config(slow_polling, "log").plan()
 
 
 def test_what_is_no_yaml_is_named_with_its_line(tmp_path: Path) -> None:

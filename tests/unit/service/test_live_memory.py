@@ -1,4 +1,4 @@
-"""What a run that is followed pair by pair holds in memory: little for every pair, though its result knows them all."""
+"""What a run that is followed pair by pair holds in memory: little for every pair, though its result uses all of them."""
 
 from __future__ import annotations
 

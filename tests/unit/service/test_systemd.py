@@ -101,9 +101,9 @@ def test_a_watchdog_of_another_process_is_not_ours(manager: socket.socket) -> No
 
 def test_a_missing_or_unresponsive_manager_stops_nothing(tmp_path: Path, manager: socket.socket) -> None:
     SystemdNotifier({"NOTIFY_SOCKET": str(tmp_path / "nobody")}).stopping()
-    deaf = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname()})
+    unread = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname()})
     for _ in range(2000):
-        deaf.status("x" * 1000)
+        unread.status("x" * 1000)
 
 
 def test_the_daemon_reports_its_manager(tmp_path: Path, manager: socket.socket) -> None:
