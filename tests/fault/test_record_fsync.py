@@ -95,13 +95,13 @@ def names(log: Path) -> list[str]:
 def test_what_a_failed_fsync_lost_is_written_again(record: Callable[..., dict[str, Any]], tmp_path: Path, failures: int, at: int) -> None:
     reported = record({"fsync": failures}, at)
     log = tmp_path / "log"
-    assert reported["whole"]
+    assert reported["complete"]
     assert images(log) == list(range(ORIGINALS))
     assert sorted(reported["followed"]) == list(range(ORIGINALS))
     assert names(log) == ["run.000.mcap", "run.001.mcap"]
     times = [item.log_time_ns for item in messages(log)]
     assert times == sorted(set(times))
-    first, second = reported["said"]
+    first, second = reported["warnings"]
     assert "did not confirm what was written (Input/output error)" in first
     assert ("1 x /run" if at < 0 else f"image{at:03d}.tif") in first
     assert "read back from there; run.000.mcap ends where it was last confirmed" in second
@@ -115,23 +115,23 @@ def test_what_a_failed_fsync_lost_is_written_again(record: Callable[..., dict[st
 
 def test_an_image_whose_write_fails_is_written_again(record: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     reported = record({"write": 1})
-    assert reported["whole"]
+    assert reported["complete"]
     assert images(tmp_path / "log") == list(range(ORIGINALS))
-    assert "(Input/output error)" in reported["said"][0]
+    assert "(Input/output error)" in reported["warnings"][0]
 
 
 def test_a_folder_whose_fsync_fails_keeps_the_finished_segment(record: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     reported = record({"folder": 1})
-    assert reported["whole"]
+    assert reported["complete"]
     assert images(tmp_path / "log") == list(range(ORIGINALS))
     assert names(tmp_path / "log") == ["run.000.mcap"]
-    assert "check the disk" in reported["said"][0]
+    assert "check the disk" in reported["warnings"][0]
 
 
 def test_a_full_disk_keeps_its_part_and_another_disk_takes_the_recovered_log(record: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     reported = record({"full": 100_000})
     log = tmp_path / "log"
-    assert not reported["whole"]
+    assert not reported["complete"]
     assert reported["ended_in_s"] < 5.0
     assert "image010.tif" in reported["unacknowledged"]
     assert "20 x /sem/original" in reported["unacknowledged"]

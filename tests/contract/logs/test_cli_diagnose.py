@@ -107,7 +107,7 @@ def test_too_few_pairs_give_one_error_line(semlive: Callable[..., Printed], shor
     assert "needs at least 5 pairs" in err.splitlines()[-1]
 
 
-def test_prove_needs_a_new_folder(semlive: Callable[..., Said], tmp_path: Path) -> None:
+def test_prove_needs_a_new_folder(semlive: Callable[..., Printed], tmp_path: Path) -> None:
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "model.json").write_text("{}")
     code, out, err = semlive("diagnose", str(tmp_path / "no-log"), "--prove", "short", "--prove-out", str(tmp_path / "old"))

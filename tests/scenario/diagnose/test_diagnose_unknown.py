@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.cases import ONE, STRANGER, TWO, Case
+from blind.cases import ONE, TWO, UNLISTED, Case
 from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import QUICK, observed
@@ -53,7 +53,7 @@ def test_a_wrong_point_by_itself_is_nothing_without_a_name() -> None:
 
 
 def test_an_effect_that_moves_neighbours_equally_keeps_its_blocks() -> None:
-    bump = Case(STRANGER, ("quadratic_bump",), 0.5, 4003)
+    bump = Case(UNLISTED, ("quadratic_bump",), 0.5, 4003)
     clean = replace(bump.conditions(), outliers=0.0)
     plain, bumped = (observed(clean, effects, SPARSE, QUICK) for effects in ((), bump.effects()))
 
@@ -112,7 +112,7 @@ def test_without_its_name_an_effect_is_unknown(drifting: Observation) -> None:
 
 
 def test_a_bump_that_grows_with_the_square_of_time_is_no_uneven_strain() -> None:
-    case = Case(STRANGER, ("quadratic_bump",), 0.1, 4003)
+    case = Case(UNLISTED, ("quadratic_bump",), 0.1, 4003)
     few = [effect_class(name) for name in ("inhomogeneous_strain", "magnification_drift", "tilt_with_load")]
     found = diagnose(observed(case.conditions(), case.effects(), GRID, QUICK), dictionary=few, draws=DRAWS)
 
