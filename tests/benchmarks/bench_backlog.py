@@ -1,10 +1,10 @@
-"""What control's memory does while analysis stands still and everything waits for it.
+"""Memory of control while analysis is stopped and everything waits for it.
 
     python tests/benchmarks/bench_backlog.py [--pairs 2000] [--frames 16]
 
 Recorder, journal and the link to the analysis process as the daemon has them, without engine and devices. The analysis process is stopped
 (SIGSTOP) before the first message, and for every pair `--frames` files of 51 kB, as many readings as a pair of two minutes has at 2 Hz and
-the words of a pair are recorded. Prints one JSON object: memory (resident set without pages of files; /proc, Linux), its slope after the
+the messages of a pair are recorded. Prints one JSON object: memory (resident set without pages of files; /proc, Linux), its slope after the
 first quarter from the means of 16 stretches, with the standard error that their scatter gives. The exit code is 1 if the slope is beyond
 three of its errors and more than 1 MB in 1000 pairs.
 """

@@ -1,10 +1,10 @@
-"""Does the linearised bootstrap, which p-values come from, say what whole refits say?
+"""Agreement of the linearised bootstrap, which gives the p-values, with complete refits.
 
     python tests/benchmarks/bench_bootstrap.py --refits 60 [--seeds 3] [--folder refits] [--shard 1/2] [--score]
 
 An experiment with nothing hidden in it (15 pairs, 0.02 px of noise shared over subsets) is measured again and again: the same drift, the
-same distortion, the same specimen, other noise, other lost and wrong points. Each is estimated from the start, its noise measured anew,
-and every family weighed; the loudest of them is set beside the loudest of the 299 linearised draws that the first measurement gives. The
+same distortion, the same specimen, other noise, other lost and wrong points. Each is estimated from the start, its noise measured again,
+and every family scored; the most significant is compared with that of each of the 299 linearised draws of the first measurement. The
 share of refits whose p-value by those draws is below a level is that level where the bootstrap is right. What is done is
 kept in the folder.
 """
@@ -37,19 +37,19 @@ LEVELS = (0.01, 0.05, 0.1, 0.2, 0.5)
 
 
 def linear(seed: int) -> list[float]:
-    """The loudest of each draw."""
+    """The most significant family of each draw."""
     plain = noise_scaled_baseline(observed(Conditions(seed), (), GRID))
     received = with_draws(plain, score_candidates(plain, FAMILIES), NullDraws.of(plain, DRAWS, seed))
     return [float(item) for item in np.max([item.null for item in received], axis=0)]
 
 
 def refitted(seed: int, number: int) -> float:
-    """The loudest where all is measured and estimated again."""
+    """The most significant family where all is measured and estimated again."""
     plain = noise_scaled_baseline(observed(Conditions(seed, noise_seed=NOISE + 1000 * (seed - FIRST_SEED) + number), (), GRID))
     return max(item.log_factor for item in score_candidates(plain, FAMILIES))
 
 
-def said(drawn: dict[int, list[float]], found: dict[int, list[float]]) -> str:
+def comparison(drawn: dict[int, list[float]], found: dict[int, list[float]]) -> str:
     """Both, side by side."""
     lines = ["| experiment | refits | median, draws | refits | 90 %, draws | refits | largest, draws | refits | p of a difference |"]
     lines.append("|---" * 9 + "|")
@@ -77,7 +77,7 @@ def main() -> None:
     requests.folder.mkdir(parents=True, exist_ok=True)
     own, shards = (int(item) for item in requests.shard.split("/"))
     path = requests.folder / f"refits-{own}-of-{shards}.jsonl"
-    done = {(item["seed"], item["number"]) for item in _kept(requests.folder)}
+    done = {(item["seed"], item["number"]) for item in _stored(requests.folder)}
     required = [(FIRST_SEED + seed, number) for number in range(-1, requests.refits) for seed in range(requests.seeds)]
     for seed, number in [] if requests.score else required[own - 1 :: shards]:
         if (seed, number) not in done:
@@ -85,15 +85,15 @@ def main() -> None:
             with path.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps({"seed": seed, "number": number, "loudest": value}) + "\n")
     drawn, found = dict[int, list[float]](), dict[int, list[float]]()
-    for item in _kept(requests.folder):
+    for item in _stored(requests.folder):
         if item["number"] < 0:
             drawn[item["seed"]] = item["loudest"]
         else:
             found.setdefault(item["seed"], []).append(item["loudest"])
-    sys.stdout.write(said(drawn, found))
+    sys.stdout.write(comparison(drawn, found))
 
 
-def _kept(folder: Path) -> list[dict[str, Any]]:
+def _stored(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for path in sorted(folder.glob("refits-*.jsonl")) for line in path.read_text(encoding="utf-8").splitlines()]
 
 

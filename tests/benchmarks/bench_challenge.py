@@ -7,7 +7,7 @@ its own images are not redistributed here):
   displacement is 0.5 px everywhere. Spatial resolution is the shortest period at which 90 % of it is found, displacement
   resolution the standard deviation of repeated exposures there, and their product the metrological efficiency indicator (MEI)
   in px^2, smaller is better (Reu et al. 2022, doi:10.1007/s11340-021-00806-6; Grediac, Blaysat, Sur 2017,
-  doi:10.1007/s11340-017-0279-x). Beside it what theory says of a subset of that size: a subset acts as a Savitzky-Golay
+  doi:10.1007/s11340-017-0279-x). For comparison the theory of a subset of that size: a subset acts as a Savitzky-Golay
   filter, sin(z)/z for affine shape functions, and sqrt(2) sigma / sqrt(sum of squared gradients) is the noise.
 * samples: rigid sub-pixel shifts, a change of contrast and brightness, noise and rotation, after Samples 1 to 15 of the first
   Challenge (Reu et al. 2018, doi:10.1007/s11340-017-0349-0).
@@ -41,7 +41,7 @@ VARIANTS: dict[str, dict[str, object]] = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Star:
-    """v = 0.5 cos(2 pi (y - yc) / period(x)); reference positions of whole pixels are worked out once, to 1e-12 px."""
+    """v = 0.5 cos(2 pi (y - yc) / period(x)); reference positions of integer pixels are calculated once, to 1e-12 px."""
 
     width: int
     height: int
@@ -74,7 +74,7 @@ class Star:
         return np.zeros_like(x), self.displacement(x, y)
 
     def back(self, x: NDArray, y: NDArray) -> tuple[NDArray, NDArray]:
-        """Reference positions of whole pixels."""
+        """Reference positions of integer pixels."""
         return x, self._table[np.rint(y).astype(int), np.rint(x).astype(int)]
 
 
@@ -129,10 +129,10 @@ def star_lines(star: Star, speckles: list[Speckle], subsets: tuple[int, ...], no
         )
 
 
-def resolution(period: NDArray, amplitude: NDArray, known: NDArray) -> float:
+def resolution(period: NDArray, amplitude: NDArray, valid: NDArray) -> float:
     """Shortest period beyond which 90 % of the amplitude is found, the pattern's own bias averaged over 41 columns."""
     window = np.ones(41)
-    smooth = np.convolve(amplitude, window, mode="same") / np.maximum(np.convolve(known, window, mode="same"), 1.0)
+    smooth = np.convolve(amplitude, window, mode="same") / np.maximum(np.convolve(valid, window, mode="same"), 1.0)
     short = np.nonzero(smooth < 0.9)[0]
     return float(period[short[-1]]) if short.size else float(period[0])
 

@@ -60,7 +60,7 @@ Measure = Callable[[Image, Image, int], Line]  # reference, current, subset: v a
 
 @dataclass(frozen=True)
 class Cut:
-    """What a middle line tells."""
+    """Figures of a middle line."""
 
     subset_px: int
     resolution_px: float
@@ -80,12 +80,12 @@ def period_px(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def resolution_px(v: Line) -> float:
     """Period at which the polynomial first rises through 90 %; NaN if it does nowhere."""
-    known = np.isfinite(v)
+    measured = np.isfinite(v)
     period = period_px(np.arange(v.size, dtype=float))
-    if known.sum() <= DEGREE:
+    if measured.sum() <= DEGREE:
         return float("nan")
-    fit = np.polynomial.Polynomial.fit(period[known], v[known] / AMPLITUDE_PX, DEGREE)
-    fine = np.linspace(period[known].min(), period[known].max(), 20_000)
+    fit = np.polynomial.Polynomial.fit(period[measured], v[measured] / AMPLITUDE_PX, DEGREE)
+    fine = np.linspace(period[measured].min(), period[measured].max(), 20_000)
     passed = fit(fine) >= PASSED
     rises = np.flatnonzero(~passed[:-1] & passed[1:])
     return float(fine[rises[0] + 1]) if rises.size else float("nan")
@@ -113,7 +113,7 @@ def still(reference: Image, moved: Image, seed: int = 1) -> Image:
 
 
 def ours(believed: bool = False, **options: str) -> Measure:
-    """Our engine: every point where IC-GN converges, or only those that the map as a whole bears out.
+    """Our engine: every point where IC-GN converges, or only those that are consistent with the complete map.
 
     Where a wave bends much within a subset, points are refused. The other codes keep them, and the polynomial runs through them,
     which makes resolutions 5 % coarser: 71 px for the transfer function of affine subsets of 17 px, which passes 90 % at 67.8 px.
@@ -168,7 +168,7 @@ def summary_px2(cuts: list[Cut]) -> float:
     return float(np.mean(sorted(c.mei_px2 for c in cuts if np.isfinite(c.mei_px2))[:3]))
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """A line at once."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
@@ -181,7 +181,7 @@ def main() -> None:
     parser.add_argument("--environments", type=Path, default=cache / "semlive" / "peers")
     parser.add_argument("--still", type=Path, help="the Challenge's exposure that did not move")
     parser.add_argument("--seed", type=int, default=1, help="of the noise of the exposure that did not move")
-    parser.add_argument("--engines", nargs="+", help="some of them, by the first word or all of their name")
+    parser.add_argument("--engines", nargs="+", help="some of them, by the first part or all of their name")
     parser.add_argument("--subsets", type=int, nargs="+", default=SUBSETS)
     requests = parser.parse_args()
     python = interpreter(requests.environments, "pyvale")
@@ -189,7 +189,7 @@ def main() -> None:
     images = Path(package) / "data" / "dic" / "challenge"
     reference, moved = (tifffile.imread(images / f"DIC_Challenge_Star_Noise_{which}.tiff") for which in ("Ref", "Def"))
     level, slope = noise_by_grey(reference, moved)
-    say(f"noise variance of an exposure: {level:.2f} + {slope:.4f} x grey level")
+    print_line(f"noise variance of an exposure: {level:.2f} + {slope:.4f} x grey level")
     unmoved = tifffile.imread(requests.still) if requests.still else still(reference, moved, requests.seed)
     engines: dict[str, Measure] = {
         "semlive, affine": ours(),
@@ -200,19 +200,19 @@ def main() -> None:
         "pyvale as it comes, quadratic": pyvale(python, "QUAD", 5),
         "pyvale without blur, quadratic": pyvale(python, "QUAD", 1),
     }
-    say("| engine | subset px | resolution px | noise px | MEI px^2 | of the line found % |\n|---|---|---|---|---|---|")
+    print_line("| engine | subset px | resolution px | noise px | MEI px^2 | of the line found % |\n|---|---|---|---|---|---|")
     figures = dict(ENTRIES)
     for name, measure in engines.items():
         if requests.engines and not {name, name.split()[0].rstrip(",")} & set(requests.engines):
             continue
         cuts = [cut(measure, reference, moved, unmoved, subset) for subset in requests.subsets]
         for c in cuts:
-            say(f"| {name} | {c.subset_px} | {c.resolution_px:.1f} | {c.noise_px:.4f} | {c.mei_px2:.3f} | {100.0 * c.points:.1f} |")
+            print_line(f"| {name} | {c.subset_px} | {c.resolution_px:.1f} | {c.noise_px:.4f} | {c.mei_px2:.3f} | {100.0 * c.points:.1f} |")
         if "believed" not in name:
             figures[f"**{name}**"] = summary_px2(cuts)
-    say("\n| rank | entry | MEI px^2 |\n|---|---|---|")
+    print_line("\n| rank | entry | MEI px^2 |\n|---|---|---|")
     for rank, (name, value) in enumerate(sorted(figures.items(), key=lambda item: item[1]), start=1):
-        say(f"| {rank} | {name} | {value:.3f} |")
+        print_line(f"| {rank} | {name} | {value:.3f} |")
 
 
 if __name__ == "__main__":

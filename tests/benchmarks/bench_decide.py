@@ -1,4 +1,4 @@
-"""What one run cannot tell from the distortion, and two runs with different scans can.
+"""Effects that one run cannot separate from the distortion, and two runs with different scans can.
 
     python tests/benchmarks/bench_decide.py --seeds 35 --nulls 300 --folder decided [--shard 1/2] [--seconds 3000]
     python tests/benchmarks/bench_decide.py ... --folder decided --score [--write]
@@ -6,7 +6,7 @@
 An experiment of 15 pairs, and the calibration again with half the dwell and half the row time: another drift, other stage errors, other
 noise, the same distortion and the same effect, the simulators' own, at displacement level (means over subsets of 43 px, 0.02 px of noise
 shared over them, 1 % of the points missing, 0.1 % wrong). Of ten seeds the first run alone is diagnosed too: of what is the same in all of
-its frames it must name nothing. A run that was broken off goes on where it stopped; shards write into one folder.
+its frames it must name nothing. An interrupted run continues where it stopped; shards write into one folder.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Hidden:
 
 
 def cases(seeds: int, nulls: int) -> Iterator[Hidden]:
-    """In an order in which each part of the list says something of all."""
+    """In an order in which each part of the list holds cases of every kind."""
     for seed in range(max(seeds, 1)):
         for name, sizes in SIZES.items() if seed < seeds else ():
             yield from (Hidden(name, size, FIRST_SEED + seed) for size in sizes)

@@ -3,8 +3,8 @@
     python tests/benchmarks/bench_detectable.py [--seeds 8]
 
 The least peak in the maps that is detected with 90 % power at 1 % false alarms over 26 families (effects.md, section 3): the noncentral
-chi-squared of what a drift and a distortion that are known to be smooth leave of the effect, in units of the noise. The effect is the
-simulators' own, without noise, on the points of the benchmark; its law's grid and amplitudes count as tries. No verdict is asked.
+chi-squared of the residual of the effect after the fit of a smooth drift and distortion, in units of the noise. The effect is the
+simulators' own, without noise, on the points of the benchmark; its law's grid and amplitudes count as tries. No verdict is made.
 """
 
 from __future__ import annotations
@@ -43,26 +43,26 @@ def main() -> None:
     requests = parser.parse_args()
     found: dict[str, list[float]] = {name: [] for name in requests.effects}
     for seed in range(1, requests.seeds + 1):
-        bare = noise_scaled_baseline(observed(Conditions(seed), (), GRID))
+        baseline = noise_scaled_baseline(observed(Conditions(seed), (), GRID))
         alone = _noiseless(Conditions(seed), ())
         for name in requests.effects:
             case = Case(ONE, (name,), TRIED, seed)
             moved = _noiseless(case.conditions(), case.effects()) - alone
-            found[name].append(least_px(bare, name, moved))
+            found[name].append(least_px(baseline, name, moved))
     sys.stdout.write("| effect | frozen, px | by its definition here: median, least, largest |\n|---|---|---|\n")
     for name, sizes in found.items():
         sys.stdout.write(f"| `{name}` | {DETECTABLE_PX[name]:g} | {np.median(sizes):.4f}, {min(sizes):.4f}, {max(sizes):.4f} |\n")
 
 
 def _noiseless(conditions: Conditions, effects: tuple) -> np.ndarray:  # type: ignore[type-arg]
-    quiet_ = replace(conditions, kind=NoiseKind.NONE, missing=0.0, outliers=0.0)
-    return observed(quiet_, effects, GRID).disparity_px
+    noiseless = replace(conditions, kind=NoiseKind.NONE, missing=0.0, outliers=0.0)
+    return observed(noiseless, effects, GRID).disparity_px
 
 
-def least_px(bare: HyperparameterGrid, name: str, moved: np.ndarray) -> float:  # type: ignore[type-arg]
+def least_px(baseline: HyperparameterGrid, name: str, moved: np.ndarray) -> float:  # type: ignore[type-arg]
     """The peak at which what (f, b, 2) an effect moves is detected."""
-    observation = bare.design.observation
-    reported = residual_gram(bare, moved[..., None])[0, 0]
+    observation = baseline.design.observation
+    reported = residual_gram(baseline, moved[..., None])[0, 0]
     family = effect_class(name)
     laws = [law for values in family.grid(observation.geometry) if (law := family.basis_field(observation.geometry, values)) is not None]
     amplitudes = laws[0].field_px.shape[-1]

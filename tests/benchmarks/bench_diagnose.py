@@ -1,11 +1,11 @@
 """Hidden effects, named blindly: outcomes by effect and size, false names where nothing is hidden, and what has no name.
 
     python tests/benchmarks/bench_diagnose.py --set final --seeds 16 --sizes 2 4 8 --nulls 773 --doubles 100 --strange 25 \
-        --deformed 10 --left-out 3 --confounded 30 --folder tests/benchmarks/blind/final --shard 1/2
+        --deformed 10 --removed 3 --confounded 30 --folder tests/benchmarks/blind/final --shard 1/2
     python tests/benchmarks/bench_diagnose.py ... --folder tests/benchmarks/blind/final --score [--write]
 
 A case is known to diagnosis by its data alone; verdicts are written by the case's key, and only scoring joins them with what was
-hidden. A run that was broken off goes on where it stopped, and shards of one run write into one folder. Experiments are made by the
+hidden. An interrupted run continues where it stopped, and shards of one run write into one folder. Experiments are made by the
 simulators' own effects at displacement level: 15 pairs, 0.02 px of noise shared over subsets, 1 % of the points missing, 0.1 % wrong;
 where nothing is hidden number of pairs, noise and lost points vary. With --white points share no noise, none is lost or wrong: the same
 effects at their plainest, in a folder of their own.
@@ -47,19 +47,21 @@ MEASURED, LARGEST, WHITE = "measured", "sixteen", "white"
 
 def main() -> None:
     """Run what is missing, or score what is there."""
-    asked = _arguments()
-    counts = Counts(asked.seeds, asked.nulls, asked.doubles, asked.strange, asked.deformed, asked.left_out, asked.confounded)
-    chosen = [replace(entry, white=asked.white) for entry in cases(asked.set, counts, asked.sizes, asked.effects)]
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    if not asked.score:
-        _run(chosen, asked)
-    printed = verdicts(asked.folder)
+    arguments = _arguments()
+    counts = Counts(
+        arguments.seeds, arguments.nulls, arguments.doubles, arguments.strange, arguments.deformed, arguments.removed, arguments.confounded
+    )
+    chosen = [replace(entry, white=arguments.white) for entry in cases(arguments.set, counts, arguments.sizes, arguments.effects)]
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    if not arguments.score:
+        _run(chosen, arguments)
+    printed = verdicts(arguments.folder)
     scored = [(case, printed[case.key]) for case in chosen if case.key in printed]
     found = table(scored)
     sys.stdout.write(found)
-    if asked.write:
-        part = WHITE if asked.white else LARGEST if asked.sizes == CLOSURE_AT[1:] else MEASURED
-        write(found, f"{len(scored)} of {len(chosen)} cases of the {asked.set} set", part)
+    if arguments.write:
+        part = WHITE if arguments.white else LARGEST if arguments.sizes == CLOSURE_AT[1:] else MEASURED
+        write(found, f"{len(scored)} of {len(chosen)} cases of the {arguments.set} set", part)
 
 
 def _arguments() -> argparse.Namespace:
@@ -72,8 +74,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--doubles", type=int, default=0)
     parser.add_argument("--strange", type=int, default=0, help="of each effect that has no name, and each size")
     parser.add_argument("--deformed", type=int, default=0, help="of each effect whose law can be another")
-    parser.add_argument("--left-out", type=int, default=0, help="of each effect, the dictionary being without it")
-    parser.add_argument("--confounded", type=int, default=0, help="of each effect that one experiment cannot tell from the baseline")
+    parser.add_argument("--removed", type=int, default=0, help="of each effect, the dictionary being without it")
+    parser.add_argument("--confounded", type=int, default=0, help="of each effect that one experiment cannot separate from the baseline")
     parser.add_argument("--white", action="store_true", help="points share no noise, none is lost or wrong")
     parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
@@ -83,24 +85,24 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _run(chosen: list[Case], asked: argparse.Namespace) -> None:
-    own, shards = (int(entry) for entry in asked.shard.split("/"))
-    done, begin = verdicts(asked.folder), time.monotonic()
+def _run(chosen: list[Case], arguments: argparse.Namespace) -> None:
+    own, shards = (int(entry) for entry in arguments.shard.split("/"))
+    done, begin = verdicts(arguments.folder), time.monotonic()
     for case in chosen[own - 1 :: shards]:
-        if time.monotonic() - begin > asked.seconds:
+        if time.monotonic() - begin > arguments.seconds:
             return
         if case.key not in done:
-            seen = case.observed()
-            found, verdict = judge(seen, case.dictionary())
-            verdict["closure"] = closure(case, seen, found)
-            with (asked.folder / f"verdicts-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
+            observation = case.observed()
+            found, verdict = judge(observation, case.dictionary())
+            verdict["closure"] = closure(case, observation, found)
+            with (arguments.folder / f"verdicts-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps({"key": case.key, **verdict}) + "\n")
 
 
-def judge(seen: Observation, dictionary: Sequence[EffectClass] = EFFECT_CLASSES) -> tuple[Diagnosis, Verdict]:
+def judge(observation: Observation, dictionary: Sequence[EffectClass] = EFFECT_CLASSES) -> tuple[Diagnosis, Verdict]:
     """A verdict, knowing nothing but data."""
     begin = time.process_time()
-    found = diagnose(seen, dictionary=dictionary)
+    found = diagnose(observation, dictionary=dictionary)
     return found, {
         "outcome": found.outcome.value,
         "names": [entry.name for entry in found.effects],
@@ -113,15 +115,15 @@ def judge(seen: Observation, dictionary: Sequence[EffectClass] = EFFECT_CLASSES)
     }
 
 
-def closure(case: Case, seen: Observation, found: Diagnosis) -> float | None:
+def closure(case: Case, observation: Observation, found: Diagnosis) -> float | None:
     """On held-out pairs, the floor being what the same data leave that have the same noise and nothing hidden in them."""
     if case.kind != ONE or case.size not in CLOSURE_AT or not found.effects:
         return None
     alone = _nothing_hidden(case.conditions())
-    if not np.array_equal(alone.valid_blocks, seen.valid_blocks):
+    if not np.array_equal(alone.valid_blocks, observation.valid_blocks):
         return None
     laws = [entry.model_effect for entry in found.effects]
-    plain = add_model_effects(noise_scaled_baseline(choose_coupling(seen, (), laws).observation), ())[0]
+    plain = add_model_effects(noise_scaled_baseline(choose_coupling(observation, (), laws).observation), ())[0]
     with_effects = add_model_effects(plain, laws)[0]
     return explained_fraction_of_truth(plain, with_effects, alone.disparity_px, 0)
 

@@ -4,8 +4,8 @@
     python tests/benchmarks/bench_diagnose_rendered.py ... --folder rendered --score [--write]
 
 Cases are those of `bench_diagnose.py`, 15 pairs of 1024 x 884 px with the paper's dots and 0.025 px of noise. The program is started on
-each log as a user would; nothing of what is hidden is in the log. It is stopped and goes on as the other does. The correlation's own bias
-(`dic_subpixel_bias`), which is in all of these images, is right beside whatever was hidden, and alone where nothing was.
+each log as a user would; the hidden effect is not in the log. It continues after a stop like the other campaign. The correlation's own bias
+(`dic_subpixel_bias`), which is in all of these images, is correct next to any hidden effect, and alone where nothing was.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def main() -> None:
     if not requests.score:
         own, shards = (int(entry) for entry in requests.shard.split("/"))
         _run(chosen[own - 1 :: shards], requests.folder / f"verdicts-{own}-of-{shards}.jsonl")
-    said = verdicts(requests.folder)
-    scored = [(case, _beside_its_own(said[case.key])) for case in chosen if case.key in said]
+    stored = verdicts(requests.folder)
+    scored = [(case, _without_its_own(stored[case.key])) for case in chosen if case.key in stored]
     lines = [entry for entry in table(scored).splitlines() if "| 0 of 0 |" not in entry]
     found = "\n".join([*lines, *_costs([entry for _, entry in scored])]) + "\n"
     sys.stdout.write(found)
@@ -64,8 +64,8 @@ def main() -> None:
         PAGE.write_text(f"{before}{BEGIN}\n{about}\n\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")
 
 
-def _run(chosen: list[Case], told: Path) -> None:
-    done = verdicts(told.parent)
+def _run(chosen: list[Case], folder: Path) -> None:
+    done = verdicts(folder.parent)
     for case in chosen:
         if case.key in done:
             continue
@@ -73,12 +73,12 @@ def _run(chosen: list[Case], told: Path) -> None:
             log = rendered_log(Path(name) / "run", replace(case.conditions(), noise_px=0.0), case.effects())
             verdict = judge(log)
             shutil.rmtree(log)
-        with told.open("a", encoding="utf-8") as stream:
+        with folder.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps({"key": case.key, **verdict}) + "\n")
 
 
 def judge(log: Path) -> Verdict:
-    """What the program says of a log, knowing nothing else."""
+    """Verdict of the program on a log, without further information."""
     begin, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     done = subprocess.run([sys.executable, "-m", "semlive", "diagnose", str(log), "--json"], capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
@@ -98,17 +98,17 @@ def judge(log: Path) -> Verdict:
     }
 
 
-def _beside_its_own(verdict: Verdict) -> Verdict:
-    """Without what correlation itself does to every image."""
+def _without_its_own(verdict: Verdict) -> Verdict:
+    """Verdict without the effect that correlation itself causes in every image."""
     names = verdict["names"]
-    left = [entry for entry in names if entry != OWN] if isinstance(names, list) else []
-    nothing = verdict["outcome"] == "IDENTIFIED" and not left
-    return {**verdict, "names": left, "outcome": "NONE" if nothing else verdict["outcome"]}
+    remaining = [entry for entry in names if entry != OWN] if isinstance(names, list) else []
+    nothing = verdict["outcome"] == "IDENTIFIED" and not remaining
+    return {**verdict, "names": remaining, "outcome": "NONE" if nothing else verdict["outcome"]}
 
 
-def _costs(said: list[Verdict]) -> Iterator[str]:
-    if said:
-        wall_s, most_mb = (max(float(str(entry[what])) for entry in said) for what in ("wall_s", "most_mb"))
+def _costs(found: list[Verdict]) -> Iterator[str]:
+    if found:
+        wall_s, most_mb = (max(float(str(entry[what])) for entry in found) for what in ("wall_s", "most_mb"))
         yield f"The longest verdict took {wall_s:.0f} s, the largest {most_mb:.0f} MB."
 
 

@@ -1,8 +1,8 @@
-"""Speed, memory and accuracy of the DIC engine, each beside its bar: ``python tests/benchmarks/bench_dic.py [quick]``.
+"""Speed, memory and accuracy of the DIC engine, each with its bar: ``python tests/benchmarks/bench_dic.py [quick]``.
 
 The job: 1024 x 884 px, 8 bit, subset 43, 150 x 120 = 18,000 POI 5 px apart, shift (3.3, -2.7) px plus 1e-3 strain, speckle of
 6.7 px, rendered analytically. Times are the best of RUNS, taken in turns (one and two threads, new and kept reference), so that
-what else the machine does meets all alike; the median beside it tells how much that was. ``quick`` leaves out the large frames.
+other work of the machine affects all equally; the median next to it shows how much that was. ``quick`` skips the large frames.
 
 Two processors of a machine rarely give twice one: virtual ones share a core at times, and all share memory. So the same work is
 also done, in the same turns, by one process of one thread and by two such processes at once, which share nothing: what these give
@@ -71,14 +71,14 @@ class Watch:
     cpu: list[float]
 
     def run(self, work: Callable[[], object]) -> None:
-        """Once more."""
+        """Time of a repeated call."""
         wall, cpu = time.perf_counter(), time.process_time()
         work()
         self.wall.append(time.perf_counter() - wall)
         self.cpu.append(time.process_time() - cpu)
 
 
-def say(what: str, value: float, unit: str, bar: str = "") -> None:
+def report(what: str, value: float, unit: str, bar: str = "") -> None:
     """One line."""
     sys.stdout.write(f"{what:58} {value:9.3f} {unit:10} {bar}\n")
     sys.stdout.flush()
@@ -97,7 +97,7 @@ def in_turns(jobs: dict[tuple[str, int], Callable[[], object]]) -> dict[tuple[st
 
 
 def pair_of_work(first: NDArray[np.uint8], second: NDArray[np.uint8], grid: Grid) -> dict[str, Callable[[], object]]:
-    """What is compared with two processes: the whole pair and IC-GN alone."""
+    """The work that is compared with two processes: the complete pair and IC-GN alone."""
 
     def new() -> object:
         prepared = dic.prepare(first, grid, SETTINGS)
@@ -107,7 +107,7 @@ def pair_of_work(first: NDArray[np.uint8], second: NDArray[np.uint8], grid: Grid
 
 
 def obey(orders: Connection, first: NDArray[np.uint8], second: NDArray[np.uint8], grid: Grid) -> None:
-    """A process of one thread: does the work that it is told and says when it is done, until it is told nothing."""
+    """A process of one thread: does the work that it receives and reports its end, until it receives nothing."""
     config.NUMBA_NUM_THREADS = 1
     work = pair_of_work(first, second, grid)
     for job in work.values():
@@ -149,7 +149,7 @@ def together(ends: list[Connection], what: str) -> Callable[[], object]:
 
 
 def scaling(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], grid: Grid) -> None:
-    """What two threads give, beside what two processes give at the same time."""
+    """Gain of two threads, compared with the gain of two processes at the same time."""
     jobs: dict[tuple[str, int], Callable[[], object]] = {}
     works = pair_of_work(*pair, grid)
     with two_processes(*pair, grid) as ends:
@@ -162,8 +162,8 @@ def scaling(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], grid: Grid) -> No
     for what, bar in (("IC-GN alone, 2 grey", "1.8"), ("new reference, 2 grey", "1.6")):
         ours = best[what, 1] / best[what, 2]
         machine = 2.0 * best[f"{what}, one process", 1] / best[f"{what}, two processes", 1]
-        say(f"{what}, one thread over two", ours, "x wall", f"bar {bar}")
-        say("machine gives: two processes over one", machine, "x work", f"ours is {100.0 * ours / machine:.0f} % of it")
+        report(f"{what}, one thread over two", ours, "x wall", f"bar {bar}")
+        report("machine gives: two processes over one", machine, "x work", f"ours is {100.0 * ours / machine:.0f} % of it")
 
 
 def kernel(reference: dic.Reference, image: NDArray[np.uint8], grid: Grid) -> Callable[[], object]:
@@ -185,7 +185,7 @@ def speed(pairs: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]], grid: G
     for noise, (first, second) in pairs.items():
         reference = dic.prepare(first, grid, SETTINGS)
 
-        def kept(reference: dic.Reference = reference, second: NDArray[np.uint8] = second) -> object:
+        def with_reference(reference: dic.Reference = reference, second: NDArray[np.uint8] = second) -> object:
             return dic.correlate(reference, second, SETTINGS, reference_frame=0, current_frame=1)
 
         def new(first: NDArray[np.uint8] = first, second: NDArray[np.uint8] = second) -> object:
@@ -194,14 +194,14 @@ def speed(pairs: dict[int, tuple[NDArray[np.uint8], NDArray[np.uint8]]], grid: G
 
         for count in (1, 2):
             jobs[f"new reference, {noise} grey", count] = new
-            jobs[f"kept reference, {noise} grey", count] = kept
+            jobs[f"kept reference, {noise} grey", count] = with_reference
             jobs[f"IC-GN alone, {noise} grey", count] = kernel(reference, second, grid)
     watches = in_turns(jobs)
     bars = {"new reference, 2 grey": ("0.15", "0.27"), "new reference, 5 grey": ("0.25", ""), "kept reference, 2 grey": ("0.12", "")}
     for (what, count), watch in watches.items():
         wall, cpu = bars.get(what, ("", "")) if count == 2 else ("", "")
         for unit, values, bar in (("s wall", watch.wall, wall), ("s CPU", watch.cpu, cpu)):
-            say(f"{what}, {count} threads (median {np.median(values):.3f})", min(values), unit, bar and f"bar {bar}")
+            report(f"{what}, {count} threads (median {np.median(values):.3f})", min(values), unit, bar and f"bar {bar}")
 
 
 def accuracy(rendered: tuple[NDArray[np.float64], NDArray[np.float64]], grid: Grid) -> None:
@@ -248,7 +248,7 @@ def sizes() -> None:
         watch = Watch([], [])
         for _ in range(runs):
             watch.run(lambda: dic.match(first, second, grid, settings))  # noqa: B023
-        say(
+        report(
             f"{grid.nx * grid.ny} points, {width} x {height} px, per point",
             1e6 * min(watch.cpu) / (grid.nx * grid.ny),
             "us CPU",
@@ -260,8 +260,8 @@ def sizes() -> None:
     watch = Watch([], [])
     for _ in range(3):
         watch.run(lambda: dic.match(first, second, grid, settings))
-    say(f"4096 x 4096 px, {grid.nx * grid.ny} points", min(watch.wall), "s wall", "bar 3")
-    say("", min(watch.cpu), "s CPU")
+    report(f"4096 x 4096 px, {grid.nx * grid.ny} points", min(watch.wall), "s wall", "bar 3")
+    report("", min(watch.cpu), "s CPU")
 
 
 def faults(work: Callable[[], object]) -> None:
@@ -274,8 +274,8 @@ def faults(work: Callable[[], object]) -> None:
         for _ in range(RUNS):
             work()
         after = resource.getrusage(resource.RUSAGE_SELF)
-        say(f"page faults of a pair, {count} threads", (after.ru_minflt - before.ru_minflt) / RUNS, "")
-        say("system time of a pair", 1e3 * (after.ru_stime - before.ru_stime) / RUNS, "ms")
+        report(f"page faults of a pair, {count} threads", (after.ru_minflt - before.ru_minflt) / RUNS, "")
+        report("system time of a pair", 1e3 * (after.ru_stime - before.ru_stime) / RUNS, "ms")
     config.NUMBA_NUM_THREADS = usual
 
 
@@ -285,8 +285,8 @@ def memory(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], folder: Path) -> N
     np.save(path, np.stack(pair))
     done = subprocess.run([sys.executable, "-c", MEMORY, str(path)], check=True, capture_output=True, text=True)
     imported, peak = (float(word) for word in done.stdout.split())
-    say("peak memory of a process that does it", peak, "MB", "bar 400")
-    say("of that, the interpreter and its imports", imported, "MB")
+    report("peak memory of a process that does it", peak, "MB", "bar 400")
+    report("of that, the interpreter and its imports", imported, "MB")
 
 
 def main() -> None:

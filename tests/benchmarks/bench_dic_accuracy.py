@@ -2,7 +2,7 @@
 
 One frame of speckle of 6.7 px rendered analytically, its copies shifted by 0 ... 1 px in steps of 0.1 (v the other way), subsets of 43 px
 (``--subset``; ``--shape quadratic`` for a second-order shape function)
-that do not overlap, so that every value counts; image noise is drawn anew for both frames of every pair. Prints
+that do not overlap, so that every value counts; image noise is drawn again for both frames of every pair. Prints
 
 - bias without noise for each shift (16 bit frames, so that rounding does not blur it),
 - at 2, 5 and 10 grey levels the mean error over draws, points and shifts, its largest value over shifts, with standard errors,
@@ -59,15 +59,15 @@ class Campaign:
     @property
     def over_floor(self) -> float:
         """Root mean square of the noise over the floor's; what does not change from draw to draw is no noise."""
-        known = np.isfinite(self.error_px).sum(axis=2) > 1
-        noise = np.nanvar(np.where(known[:, :, None], self.error_px, 0.0), axis=2, ddof=1)
+        repeated = np.isfinite(self.error_px).sum(axis=2) > 1
+        noise = np.nanvar(np.where(repeated[:, :, None], self.error_px, 0.0), axis=2, ddof=1)
         floor = np.broadcast_to(self.floor_px[:, None], noise.shape)
-        return float(np.sqrt(np.mean(noise[known]) / np.mean(floor[known] ** 2)))
+        return float(np.sqrt(np.mean(noise[repeated]) / np.mean(floor[repeated] ** 2)))
 
     def covered(self, factor: float) -> float:
         """Part of the errors within so many stated sigma."""
-        known = np.isfinite(self.error_px)
-        return float(np.mean((np.abs(self.error_px) <= factor * self.sigma_px)[known]))
+        measured = np.isfinite(self.error_px)
+        return float(np.mean((np.abs(self.error_px) <= factor * self.sigma_px)[measured]))
 
 
 def scene(width: int, height: int) -> list[NDArray[np.float64]]:

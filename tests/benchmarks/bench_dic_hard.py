@@ -1,6 +1,6 @@
 """Wrong points that call themselves converged, counted in hard cases: ``python tests/benchmarks/bench_dic_hard.py --points 1e6``.
 
-A point is wrong if it is off by more than max(0.5 px, 6 stated sigma). A point is matchable if its whole subset, one pixel
+A point is wrong if it is off by more than max(0.5 px, 6 stated sigma). A point is matchable if its complete subset, one pixel
 around included, is seen in both frames and moves as one, its texture does not repeat itself and the noise is 10 grey at most.
 """
 
@@ -55,7 +55,7 @@ class Count:
 
 
 def all_around(pixels: NDArray[np.bool_], half: int) -> NDArray[np.bool_]:
-    """Where a whole window of pixels is True."""
+    """Where a complete window of pixels is True."""
     kernel = np.ones((2 * half + 1, 2 * half + 1), np.uint8)
     return cv2.erode(pixels.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0).astype(bool)
 
@@ -133,7 +133,7 @@ def main() -> None:
     for name, c in sorted(counts.items()):
         part = f"{100 * c.matched / c.matchable:8.2f}" if c.matchable else "       -"
         line = f"{name:20}{c.points:9}{c.converged:11}{c.wrong:7}{c.worst_px:10.3f}{c.matchable:11}{c.matched:11}{part}"
-        sys.stdout.write(line + (f"   repeating {c.repeating}, said so {c.ambiguous}\n" if c.repeating else "\n"))
+        sys.stdout.write(line + (f"   repeating {c.repeating}, marked as such {c.ambiguous}\n" if c.repeating else "\n"))
     total = Count(*(sum(getattr(c, f) for c in counts.values()) for f in Count.__dataclass_fields__))
     share = 100 * total.matched / max(total.matchable, 1)
     sys.stdout.write(f"all: {total.points} points, {total.wrong} wrong, {share:.2f} % of {total.matchable} matchable converged\n")

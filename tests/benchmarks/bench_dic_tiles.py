@@ -19,7 +19,7 @@ from semlive import dic
 from semlive.data.settings import DicSettings
 from semlive.dic.bands import correlate_tiled
 
-SHIFT = (5, -3)  # whole pixels, so that the truth needs no interpolation
+SHIFT = (5, -3)  # integer pixels, so that the truth needs no interpolation
 BAND = 1024
 
 

@@ -2,7 +2,7 @@
 
 Prints the table of docs/validation/estimation.md; a run over all cases and methods with at least 20 seeds also writes it there, between its
 markers. 20 seeds take about 25 minutes of processor time on one core. With ``--keep FOLDER`` what was measured of every seed, case and
-method is kept in a file of its own, and a run that was broken off goes on where it was; ``--so-far`` gives the table of what is kept.
+method is kept in a file of its own, and an interrupted run continues where it was; ``--so-far`` gives the table of what is kept.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def main() -> None:
     parser.add_argument("--method", choices=[*METHODS, "both", "all"], default="all")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--write", action="store_true", help="write the table into the documentation whatever it covers")
-    parser.add_argument("--keep", type=Path, help="folder that keeps what was measured, for a run that goes on")
+    parser.add_argument("--keep", type=Path, help="folder of the measured values, for a run that continues")
     parser.add_argument("--so-far", action="store_true", help="nothing is measured: the table of what the folder keeps")
     given = parser.parse_args()
     methods = {"all": tuple(METHODS), "both": ("sutton2007", "joint")}.get(given.method, (given.method,))

@@ -81,22 +81,22 @@ def pairs_of(experiment: Experiment, count: int) -> Iterator[tuple[int, tuple[Fr
 
 def run(experiment: Experiment, count: int) -> tuple[estimate.EstimatorState, estimate.Solution, Spent]:
     """All pairs as they come in a live run: update, the newest frame, and what the schedule asks for."""
-    state, known, spent = estimate.init(EstimateSettings(), experiment.grid, WIDTH_PX, HEIGHT_PX), None, Spent([], [], {})
+    state, solution, spent = estimate.init(EstimateSettings(), experiment.grid, WIDTH_PX, HEIGHT_PX), None, Spent([], [], {})
     phase = experiment.pairs[0].phase
     for pair, times, maps in pairs_of(experiment, count):
         before = state
         state, update_s = timed(lambda b=before, p=pair, t=times, m=maps: estimate.update(b, p, phase, t, m))
         spent.update_s.append(update_s)
-        if known is None or selection_due(pair + 1):
-            known, spent.chosen_s[pair + 1] = timed(lambda s=state, k=known: estimate.solve_incremental(s, k))
+        if solution is None or selection_due(pair + 1):
+            solution, spent.chosen_s[pair + 1] = timed(lambda s=state, k=solution: estimate.solve_incremental(s, k))
             spent.newest_s.append(float("nan"))
         else:
-            known, newest_s = timed(lambda s=state, k=known: estimate.solve_newest(s, k))
+            solution, newest_s = timed(lambda s=state, k=solution: estimate.solve_newest(s, k))
             spent.newest_s.append(newest_s)
         if (pair + 1) % 50 == 0:
             sys.stderr.write(f"{pair + 1}/{count}\n")
-    assert known is not None
-    return state, known, spent
+    assert solution is not None
+    return state, solution, spent
 
 
 def table(count: int, whole: bool, step_px: int) -> list[str]:
@@ -108,21 +108,21 @@ def table(count: int, whole: bool, step_px: int) -> list[str]:
         batch, spent_s = timed(lambda: _batch(experiment))
         batch_s.append(spent_s)
     peak_before = _peak_mb()
-    state, known, spent = run(experiment, count)
+    state, solution, spent = run(experiment, count)
     lines = ["| pairs | update, s | newest frame, s | both, s |", "|---|---|---|---|"]
     for shown in [item for item in SHOWN if item <= count]:
         around = slice(max(shown - AROUND, 0), shown)
         update_s, newest_s = float(np.median(spent.update_s[around])), float(np.nanmedian(spent.newest_s[around]))
         lines.append(f"| {shown} | {update_s:.3f} | {newest_s:.3f} | {update_s + newest_s:.3f} |")
     ran_mb = _peak_mb()
-    smoothed, smooth_s = timed(lambda: estimate.solve_incremental(state, known))
+    smoothed, smooth_s = timed(lambda: estimate.solve_incremental(state, solution))
     spread_s = min(timed(lambda: sum(1 for _ in pair_covariances(smoothed.shared_posterior)))[1] for _ in range(AGAIN))
     smoothed_mb = _peak_mb()
     _, published_s = timed(lambda: estimate.to_estimate(smoothed, count))
-    anew = ""
+    again = ""
     if whole:
-        _, anew_s = timed(lambda: estimate.solve(state))
-        anew = f" All again from the block means of the maps: {anew_s:.1f} s, {_peak_mb():.0f} MB at most."
+        _, again_s = timed(lambda: estimate.solve(state))
+        again = f" All again from the block means of the maps: {again_s:.1f} s, {_peak_mb():.0f} MB at most."
     last, last_s = max(spent.chosen_s.items())
     chosen_s = sum(spent.chosen_s.values())
     lines += [
@@ -130,7 +130,7 @@ def table(count: int, whole: bool, step_px: int) -> list[str]:
         f"After {count} pairs: smoothed means of all pairs {smooth_s:.2f} s, with their covariances {smooth_s + spread_s:.2f} s,",
         f"with all published results {smooth_s + published_s:.2f} s. Scheduled reviews took {chosen_s:.1f} s in total,",
         f"{chosen_s / count:.3f} s per pair; the last time, after {last} pairs, {last_s:.1f} s. Memory at most {ran_mb:.0f} MB in the run,",
-        f"{smoothed_mb:.0f} MB with smoothing; {peak_before:.0f} MB of it before the run.{anew} Batch of {len(batch)} pairs:",
+        f"{smoothed_mb:.0f} MB with smoothing; {peak_before:.0f} MB of it before the run.{again} Batch of {len(batch)} pairs:",
         f"{min(batch_s):.2f} s. Processor time, {grid.nx * grid.ny:,} points, one core.",
     ]
     return lines
@@ -153,10 +153,10 @@ def live_table(count: int) -> list[str]:
         )
         (started, result), spent_s = timed(lambda b=started, d=decision, m=maps: pipeline.add_pair(b, d, m))
         spent.append(spent_s)
-        (started, anew), spent_s = timed(lambda b=started: pipeline.review_hyperparameters(b))
-        if anew:
+        (started, reviewed), spent_s = timed(lambda b=started: pipeline.review_hyperparameters(b))
+        if reviewed:
             due[pair + 1] = spent_s
-        revised.append(len(result.revised_frames) + (len(anew.revised_frames) if anew else 0))
+        revised.append(len(result.revised_frames) + (len(reviewed.revised_frames) if reviewed else 0))
         if (pair + 1) % 50 == 0:
             sys.stderr.write(f"{pair + 1}/{count}\n")
     lines = ["| pairs | from maps to published results, s | slowest of ten | frames revised so far |", "|---|---|---|---|"]
@@ -186,7 +186,7 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=GRID.step_px, help="distance of points over the same field, px; not for --live")
     parser.add_argument("--write", action="store_true", help="write the table into the documentation")
     parser.add_argument("--live", action="store_true", help="measure what follows a correlation in a live run")
-    parser.add_argument("--anew", action="store_true", help="also solve the whole run without what was kept from pair to pair")
+    parser.add_argument("--anew", action="store_true", help="also solve the complete run without the results stored from pair to pair")
     given = parser.parse_args()
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # read by the process that is spawned next

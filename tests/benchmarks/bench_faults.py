@@ -59,7 +59,7 @@ def write(lines: dict[int, str]) -> None:
     PAGE.write_text(f"{head}<!-- rows -->\n{rows}\n<!-- end of rows -->{tail}", encoding="utf-8")
 
 
-def wanted(text: str) -> set[int]:
+def row_numbers(text: str) -> set[int]:
     """Numbers from "1,4,30-33"."""
     found: set[int] = set()
     for part in text.split(","):
@@ -69,9 +69,9 @@ def wanted(text: str) -> set[int]:
 
 
 def main() -> int:
-    """Run the rows that are asked for."""
+    """Run the requested rows."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", type=wanted, default=None)
+    parser.add_argument("--rows", type=row_numbers, default=None)
     parser.add_argument("--short", action="store_true", help="only those that the tests run")
     parser.add_argument("--write", action="store_true", help="put what was found into docs/reference/faults.md")
     options = parser.parse_args()

@@ -2,8 +2,8 @@
 
     python tests/benchmarks/bench_foretold.py [--first 3] [--second 4] [--times 3] [--write]
 
-A run of 15 pairs with one of two effects that are easily taken for each other, at so many times what can be detected, says how large both
-would be; that foretells the logarithm of the odds that an experiment gives for the true one. Then the experiment is simulated (another
+A run of 15 pairs with one of two easily confused effects, at so many times the detection limit, determines how large both
+would be; this forecasts the logarithm of the odds that an experiment gives for the true one. Then the experiment is simulated (another
 drift, other stage errors, other noise; the simulators' own effects, at displacement level, 0.02 px of noise shared over subsets, 1 % of the
 points missing, 0.1 % wrong), and its data give the odds.
 """
@@ -42,7 +42,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "validation" / "diagnosis.md"
 BEGIN, END = "<!-- foretold: begin -->\n", "<!-- foretold: end -->\n"
 GRID = Grid(101, 101, 30, 25, 20, 43)
 FIRST_SEED, SECOND_SEED = 60_001, 61_001
-ALIKE = (  # the true one first
+CONFUSABLE = (  # the true one first
     ("magnification_drift", "refocus_magnification_step"),
     ("raster_rotation_drift", "stage_yaw"),
     ("stage_yaw", "raster_rotation_drift"),
@@ -56,7 +56,7 @@ DRAWN = ("stage_yaw",)
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Comparison:
     """One experiment.
 
     Attributes:
@@ -72,26 +72,26 @@ class Told:
     other: str
     kind: ExperimentKind
     dwell: float
-    foretold: float
+    forecast: float
     given: tuple[float, ...]
 
 
 def main() -> None:
-    """Foretell, simulate, compare."""
+    """Forecast, simulate, compare."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=3, help="runs that foretell, of each pair of effects")
+    parser.add_argument("--first", type=int, default=3, help="runs with a forecast, of each pair of effects")
     parser.add_argument("--second", type=int, default=4, help="simulations of each experiment")
     parser.add_argument("--times", type=float, default=3.0, help="what can be detected")
     parser.add_argument("--write", action="store_true", help="put the table into docs/validation/diagnosis.md")
     requests = parser.parse_args()
-    told = []
-    for true, other in ALIKE:
+    comparisons = []
+    for true, other in CONFUSABLE:
         for seed in range(FIRST_SEED, FIRST_SEED + requests.first):
             for item in compared(true, other, requests.times, seed, requests.second):
-                told.append(item)
+                comparisons.append(item)
                 sys.stdout.write(f"{item}\n")
                 sys.stdout.flush()
-    found = table(told)
+    found = table(comparisons)
     sys.stdout.write(found)
     if requests.write:
         page = PAGE.read_text(encoding="utf-8")
@@ -99,7 +99,7 @@ def main() -> None:
         PAGE.write_text(f"{before}{BEGIN}\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")
 
 
-def compared(true: str, other: str, times: float, seed: int, second: int) -> Iterator[Told]:
+def compared(true: str, other: str, times: float, seed: int, second: int) -> Iterator[Comparison]:
     """All experiments after one run."""
     size_px = times * PROTOTYPE_PX[true]
     first = observed(Conditions(seed), hidden_effect(true, size_px, seed), GRID)
@@ -112,13 +112,13 @@ def compared(true: str, other: str, times: float, seed: int, second: int) -> Ite
         (ExperimentKind.CHANGED_SCAN_TIMES, 2.0),
     ):
         ahead = simulate_baseline(before, planned_run(first, kind, dwell))
-        foretold = expected_odds(ahead, [predict_effect(ahead, before, item) for item in rivals])[0, 1]
+        forecast = expected_odds(ahead, [predict_effect(ahead, before, item) for item in rivals])[0, 1]
         given = []
         for number in range(second):
             own = SECOND_SEED + 100 * (seed - FIRST_SEED) + number
             after = noise_scaled_baseline(observed(_conditions(kind, dwell, own, seed), _effects(true, size_px, seed, own), GRID))
             given.append(float(log_odds(after, [predict_effect(after, before, item) for item in rivals])[0, 1]))
-        yield Told(true, other, kind, dwell, float(foretold), tuple(given))
+        yield Comparison(true, other, kind, dwell, float(forecast), tuple(given))
 
 
 def _effects(true: str, size_px: float, seed: int, own: int) -> tuple[Effect, ...]:
@@ -135,18 +135,18 @@ def _scan(dwell: float) -> Scan:
     return replace(SCAN, dwell_time_s=dwell * SCAN.dwell_time_s, frame_time_s=dwell * SCAN.frame_time_s)
 
 
-def table(told: list[Told]) -> str:
-    """By effect and experiment; then how often the true one won, wherever odds of more than 20 were foretold, and elsewhere."""
+def table(comparisons: list[Comparison]) -> str:
+    """By effect and experiment; then how often the true one won, where the forecast odds exceed 20, and elsewhere."""
     lines = ["| true effect | rival | experiment | ln odds, forecast | simulated: mean | minimum |", "|---|---|---|---|---|---|"]
-    for key in dict.fromkeys((item.true, item.other, item.kind, item.dwell) for item in told):
-        own = [item for item in told if (item.true, item.other, item.kind, item.dwell) == key]
+    for key in dict.fromkeys((item.true, item.other, item.kind, item.dwell) for item in comparisons):
+        own = [item for item in comparisons if (item.true, item.other, item.kind, item.dwell) == key]
         given = np.concatenate([item.given for item in own])
         what = key[2].value.replace("_", " ") + ("" if key[3] == 1.0 else f", {key[3]:g} times the dwell")
-        mean = float(np.mean([item.foretold for item in own]))
+        mean = float(np.mean([item.forecast for item in own]))
         lines.append(f"| `{key[0]}` | `{key[1]}` | {what} | {mean:.1f} | {given.mean():.1f} | {given.min():.1f} |")
     lines.append("")
     for sure, printed in ((True, "more than 20"), (False, "20 or less")):
-        given = [item for each in told if (each.foretold > MIN_LOG_ODDS) == sure for item in each.given]
+        given = [item for each in comparisons if (each.forecast > MIN_LOG_ODDS) == sure for item in each.given]
         won = sum(item > 0.0 for item in given)
         if given:
             least = 100.0 * at_least(won, len(given))

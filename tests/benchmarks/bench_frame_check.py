@@ -71,10 +71,10 @@ def judge(case: Case, folder: Path) -> Outcome:
     settings = {"port": case.truth.port, "timeout_s": 3.0}
     alone = check_modbus(str(path), settings)
     force, extension = case.truth.panel()
-    known = check_modbus(str(path), {**settings, "force_reads": force, "extension_reads": extension})
+    findings = check_modbus(str(path), {**settings, "force_reads": force, "extension_reads": extension})
     first, _ = names_truth(alone, case)
-    named, count = names_truth(known, case)
-    return Outcome(case.errors, first, named and count == 1, named, alone.passed or known.passed)
+    named, count = names_truth(findings, case)
+    return Outcome(case.errors, first, named and count == 1, named, alone.passed or findings.passed)
 
 
 def right_maps(truths: Sequence[Truth], folder: Path) -> tuple[int, int]:
@@ -107,8 +107,8 @@ def simulated_bench(folder: Path, force_n: float) -> Iterator[int]:
 
 def line_of(outcome: Outcome) -> str:
     """One outcome as a line."""
-    said = "sound: WRONG" if outcome.sound else "named" if outcome.unique else "named among several" if outcome.named else "NOT NAMED"
-    return f"{said:22} {'first look' if outcome.alone else '':11} {', '.join(outcome.errors)}\n"
+    verdict = "sound: WRONG" if outcome.sound else "named" if outcome.unique else "named among several" if outcome.named else "NOT NAMED"
+    return f"{verdict:22} {'first look' if outcome.alone else '':11} {', '.join(outcome.errors)}\n"
 
 
 def table(outcomes: Sequence[Outcome]) -> str:

@@ -4,7 +4,7 @@
 
 Frames are rendered by the simulator without noise: pairs with moves of the stage, then loads with strain and rotation, four minutes
 from pair to pair. Each is exposed with 2, 5 and 10 % of full scale (5, 13 and 26 grey levels) and correlated. Effects have the simulator's
-own size and half of it. Nulls are exposed anew each time, as many for each noise.
+own size and half of it. Nulls are exposed again each time, as many for each noise.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def rendered(pairs: int, size_px: tuple[int, int], *effects: Effect, yaw_rad: fl
         shift = SHIFTS_PX[min(pair, len(SHIFTS_PX) - 1)]
         motion = at_rest(shift, scenario.specimen.gradient(load_n, yaw_rad * (pair % 2)), load_n)
         for member in (0, 1):
-            # In 16 bit: grey rounded to 8 bit without noise is a quarter of a level off, alike all over the gold.
+            # In 16 bit: grey rounded to 8 bit without noise is a quarter of a level off, equally all over the gold.
             images.append(render_frame(scenario, at_s, motion, 2 * pair + member, column).astype(np.float32) / 256.0)
             starts.append(at_s)
             at_s += scan.frame_time_s + scan.gap_s
@@ -104,7 +104,7 @@ def series(run: Run, percent: float, seed: int) -> IntensityFrames:
     return IntensityFrames(reference, tuple(frames), np.array([pair_noise(reference.blocks, grey[0], grey[1], maps[0])]))
 
 
-def said(found: IntensityDiagnosis) -> str:
+def summary(found: IntensityDiagnosis) -> str:
     """A verdict in a line."""
     effects = []
     for entry in found.effects:
@@ -136,14 +136,14 @@ def main() -> None:
         for percent in PERCENT:
             begin = time.process_time()
             found = diagnose_intensity(series(run, percent, 1))
-            sys.stdout.write(f"{name}, noise {percent} %: {said(found)} [{time.process_time() - begin:.1f} s]\n")
+            sys.stdout.write(f"{name}, noise {percent} %: {summary(found)} [{time.process_time() - begin:.1f} s]\n")
             sys.stdout.flush()
     false, p_values = 0, []
     for name, found in nulls(requests.pairs, size_px, requests.nulls):
         p_values.append(found.where[0].p_value)
         if found.outcome.value != "NONE":
             false += 1
-            sys.stdout.write(f"null, {name}: {said(found)}\n")
+            sys.stdout.write(f"null, {name}: {summary(found)}\n")
             sys.stdout.flush()
     count = len(p_values)
     bound = float(beta.ppf(0.95, false + 1, count - false)) if false < count else 1.0

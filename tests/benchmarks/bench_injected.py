@@ -1,13 +1,13 @@
-"""A small strain that is injected into runs with something hidden in them: what is left of it once the effect was named and taken out.
+"""A small strain injected into runs with a hidden effect: its share that remains after the effect was identified and corrected.
 
     python tests/benchmarks/bench_injected.py --seeds 2 --folder injected [--shard 1/2] [--seconds 3000]
     python tests/benchmarks/bench_injected.py ... --folder injected --score [--write]
 
 Two runs with the same drift, distortion, stage errors, noise and effect, the simulators' own at four times what can be detected, at
-displacement level; in one the specimen is strained by 1e-4 along y more in every pair under load. Each goes its own way through the
+displacement level; in one the specimen is strained by 1e-4 along y more in every pair under load. Each run passes independently through the
 programs, as a user's would: `semlive import`, `semlive diagnose -o MODEL`, `semlive replay --model MODEL`. How much more the mean strain of
 the pairs under load is in one than in the other, in parts of 1e-4, is what survives; replayed without a model, what the estimate itself
-keeps. A run that was broken off goes on where it stopped; shards write into one folder.
+keeps. An interrupted run continues where it stopped; shards write into one folder.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from blind.hiding import DETECTABLE_PX
 from blind.imported import imported
 from blind.scoring import at_least
 
-INJECTED, SIZE, FIRST_SEED, ASKED = 1e-4, 4.0, 90_001, 0.02
-LEFT_IN = "is strain or cannot be separated from it"
+INJECTED, SIZE, FIRST_SEED, MAX_STRAIN_ERROR = 1e-4, 4.0, 90_001, 0.02
+STRAIN_LIKE = "is strain or cannot be separated from it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Injected:
         case = Case(ONE, (self.name,), SIZE, self.seed)
         with tempfile.TemporaryDirectory() as name:
             without, with_effects = (
-                said(Path(name) / word, replace(case.conditions(), injected=strain), case)
+                results(Path(name) / word, replace(case.conditions(), injected=strain), case)
                 for word, strain in (("without", 0.0), ("having", INJECTED))
             )
         return {
@@ -71,8 +71,8 @@ class Injected:
         }
 
 
-def said(folder: Path, conditions: Conditions, case: Case) -> dict[str, Any]:
-    """What the programs say of one run."""
+def results(folder: Path, conditions: Conditions, case: Case) -> dict[str, Any]:
+    """Results of the programs for one run."""
     log, model = imported(folder, conditions, case.effects(), GRID), folder.with_suffix(".json")
     found = _semlive("diagnose", str(log), "-o", str(model), "--json")
     plain = _semlive("replay", str(log), "--json")
@@ -80,7 +80,7 @@ def said(folder: Path, conditions: Conditions, case: Case) -> dict[str, Any]:
     return {
         "outcome": found["outcome"],
         "names": [item["name"] for item in found["effects"]],
-        "left_in": any(LEFT_IN in item for item in corrected["warnings"]),
+        "left_in": any(STRAIN_LIKE in item for item in corrected["warnings"]),
         "uncorrected": _strain(plain),
         "strain": _strain(corrected),
     }
@@ -109,17 +109,17 @@ def table(found: list[dict[str, Any]]) -> str:
     lines = ["| hidden effect | same effect in both | not corrected, strain-like | retained strain |", "|---" * 4 + "|"]
     for name in DETECTABLE_PX:
         own = [item for item in found if item["name"] == name]
-        alike = sum(item["names"][0] == item["names"][1] == [name] for item in own)
-        left = sum(any(item["left_in"]) for item in own)
+        equal = sum(item["names"][0] == item["names"][1] == [name] for item in own)
+        strain_like = sum(any(item["left_in"]) for item in own)
         shares = ", ".join(f"{100 * item['survives']:.2f} %" for item in own)
         if own:
-            lines.append(f"| `{name}` | {alike} of {len(own)} | {left} | {shares} |")
+            lines.append(f"| `{name}` | {equal} of {len(own)} | {strain_like} | {shares} |")
     if not found:
         return "\n".join(lines) + "\n"
-    stored = sum(abs(item["survives"] - 1.0) <= ASKED for item in found)
+    stored = sum(abs(item["survives"] - 1.0) <= MAX_STRAIN_ERROR for item in found)
     worst, itself = (max(abs(item[what] - 1.0) for item in found) for what in ("survives", "by_itself"))
     lines.append(
-        f"\nWithin {100 * ASKED:g} % in {stored} of {len(found)} cases (at least {100 * at_least(stored, len(found)):.1f} %),"
+        f"\nWithin {100 * MAX_STRAIN_ERROR:g} % in {stored} of {len(found)} cases (at least {100 * at_least(stored, len(found)):.1f} %),"
         f" largest error {100 * worst:.2f} %; without any model at most {100 * itself:.2f} %."
     )
     return "\n".join(lines) + "\n"

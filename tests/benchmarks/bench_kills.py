@@ -1,15 +1,15 @@
-"""kill -9 at random moments: what was acknowledged is in the log, the run is taken up again, every step has its pair once.
+"""kill -9 at random moments: acknowledged messages are in the log, the run is resumed, every step has its pair once.
 
     python tests/benchmarks/bench_kills.py --found FILE.jsonl [--kills 200] [--a-run 4] [--longest 30] [--rate 20] [--triggered] [--seed 0]
 
 Each run (256 x 201 px, three shifts and four loads, a log in segments of 1 MB) is killed `--a-run` times, twice after its last step at
 most, each time after a random stretch of up to `--longest` s, in one case of five from its start, else from when it is connected (however
-long a busy computer takes for that), and taken up again as an operator does: `--resume` at a terminal, and "resume" when it asks. Then it
+long a busy computer takes for that), and resumed as by an operator: `--resume` at a terminal, and "resume" when it asks. Then it
 ends by itself. Checked:
-transitions, commands, images, pairs and faults that could be read at a kill stand in the log at the end; steps are accepted in order,
+transitions, commands, images, pairs and faults that could be read at a kill are in the log at the end; steps are accepted in order,
 each once; the last live result is that of `semlive replay`, byte for byte; Young's modulus is within four standard uncertainties of the
-first run's, which is not disturbed. One JSON object a run is added to FILE, so the campaign can be broken off and taken up again; with
-another `--seed`, and another FILE, a second one can go beside it. The exit code is 1 if a run failed.
+first run's, which is not disturbed. One JSON object a run is added to FILE, so the campaign can be interrupted and continued; with
+another `--seed`, and another FILE, a second campaign can run at the same time. The exit code is 1 if a run failed.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ MAX_FAILED = 5
 
 
 def logged(log: Path) -> list[tuple[str, bytes]]:
-    """Everything in the log, torn or whole."""
+    """Everything in the log, truncated or complete."""
     try:
         return [(item.topic, item.payload) for item in messages(log)] if log.is_dir() and any(log.iterdir()) else []
     except SemliveError:
@@ -88,7 +88,7 @@ class Operator:
         self._states, self._asked = list[str](), 0
 
     def wait(self, process: subprocess.Popen[str], terminal: int, seconds: float, connected: bool = False) -> None:
-        """Let it run for a time, once it is connected if so asked, or to its end; say resume where it asks."""
+        """Let it run for a time, once it is connected if so requested, or to its end; answer its prompt with resume."""
         before = len(self._states)
         end_s, counts = time.monotonic() + (_LONGEST_S if connected else seconds), not connected
         while time.monotonic() < end_s and process.poll() is None:
@@ -151,7 +151,7 @@ def one_run(folder: Path, name: str, bench: dict[str, Any], rate: float, moments
         process.kill()
         raise Failed(f"it did not end within {2 * _LONGEST_S:g} s; {[item['after'] for item in of(logged(log), '/state')][-3:]}")
     _, printed = process.communicate()
-    # Killed behind its last word, a run is whole, and is told so when it is to be taken up.
+    # Killed after its last message, a run is complete, and resuming it reports that.
     whole = process.returncode == 2 and killed_in[-1:] == ["complete"] and "this run is complete" in " ".join(printed.split())
     if process.returncode != 0 and not whole:
         raise Failed(f"exit code {process.returncode}: {' '.join(printed.split())[-200:]}")
@@ -168,7 +168,7 @@ def one_run(folder: Path, name: str, bench: dict[str, Any], rate: float, moments
 
 
 def main() -> int:
-    """Go on with the campaign."""
+    """Continue the campaign."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--found", type=Path, required=True, help="where what was found is kept")
     parser.add_argument("--kills", type=int, default=200)
@@ -178,15 +178,15 @@ def main() -> int:
     parser.add_argument("--triggered", action="store_true", help="the microscope scans when asked; otherwise all the time")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     options = parser.parse_args()
-    known = [json.loads(line) for line in options.found.read_text().splitlines()] if options.found.exists() else []
+    found_before = [json.loads(line) for line in options.found.read_text().splitlines()] if options.found.exists() else []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "small.yaml").write_text(SCENARIO, encoding="utf-8")
         while (
-            sum(len(item.get("killed_in", ())) for item in known) < options.kills
-            and sum(bool(item["failed"]) for item in known) < MAX_FAILED
+            sum(len(item.get("killed_in", ())) for item in found_before) < options.kills
+            and sum(bool(item["failed"]) for item in found_before) < MAX_FAILED
         ):
-            number = len(known)
+            number = len(found_before)
             chance = random.Random(number + 1000 * options.seed)
             moments = [(chance.random() > 0.2, chance.uniform(0.0, options.longest)) for _ in range(options.a_run if number else 0)]
             began_s = time.monotonic()
@@ -196,22 +196,22 @@ def main() -> int:
                     str(folder / "small.yaml"), folder / f"bench{number}", options.rate, triggered=options.triggered
                 ) as bench:
                     found = one_run(folder, f"run{number}", bench, options.rate, moments)
-                zero = known[0]["modulus"] if known else found["modulus"]
+                zero = found_before[0]["modulus"] if found_before else found["modulus"]
                 off = abs(found["modulus"]["value"] - zero["value"]) / math.hypot(found["modulus"]["sigma"], zero["sigma"])
                 found["sigmas_off"] = round(off, 2)
                 found["failed"] = "" if off < 4 else "Young's modulus is another"
             except (Failed, OSError, subprocess.CalledProcessError) as error:
                 found = {"killed_in": [], "failed": " ".join(str(error).split())}
-                if not known:
+                if not found_before:
                     raise
-            known.append({"run": number, **found, "wall_s": round(time.monotonic() - began_s)})
+            found_before.append({"run": number, **found, "wall_s": round(time.monotonic() - began_s)})
             with options.found.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(known[-1]) + "\n")
-            sys.stdout.write(json.dumps(known[-1]) + "\n")
+                file.write(json.dumps(found_before[-1]) + "\n")
+            sys.stdout.write(json.dumps(found_before[-1]) + "\n")
             sys.stdout.flush()
-    failed = [item["run"] for item in known if item["failed"]]
-    kills = sum(len(item["killed_in"]) for item in known)
-    sys.stdout.write(f"{kills} kills in {len(known)} runs, {len(failed)} runs failed {failed or ''}\n")
+    failed = [item["run"] for item in found_before if item["failed"]]
+    kills = sum(len(item["killed_in"]) for item in found_before)
+    sys.stdout.write(f"{kills} kills in {len(found_before)} runs, {len(failed)} runs failed {failed or ''}\n")
     return int(bool(failed))
 
 

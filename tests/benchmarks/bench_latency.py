@@ -63,17 +63,17 @@ class Log:
         return self.by_topic.get(topic, [])
 
     def recorded_s(self, topic: str, key: Callable[[dict[str, Any]], int | None]) -> dict[int, float]:
-        """When each message was recorded, wall s, by a number that it tells; the first counts."""
+        """When each message was recorded, wall s, by a number in its payload; the first counts."""
         found: dict[int, float] = {}
-        for message, told in self.of(topic):
-            number = key(told)
+        for message, payload in self.of(topic):
+            number = key(payload)
             if number is not None:
                 found.setdefault(number, self.wall_s(message.log_time_ns))
         return found
 
 
 def run(scenario: str, rate: float, folder: Path, sem: dict[str, Any], *, triggered: bool = False) -> Log:
-    """A whole run of the daemon; its log."""
+    """A complete run of the daemon; its log."""
     folder.mkdir()
     path = folder / "scenario.yaml"
     path.write_text(scenario, encoding="utf-8")
@@ -119,38 +119,38 @@ def sample_periods_s(log: Log, topic: str) -> list[float]:
 
 def files_s(log: Log) -> dict[str, list[float]]:
     """From the end of writing of every file to what followed."""
-    arrived = {told["export"]: (message, told) for message, told in log.of("/sem/file") if told["decision"] == "arrived"}
-    whole = {export: log.wall_s(told["mtime_ns"]) for export, (_, told) in arrived.items()}
-    scans = log.recorded_s("/sem/scan", lambda told: told["export"])
+    arrived = {payload["export"]: (message, payload) for message, payload in log.of("/sem/file") if payload["decision"] == "arrived"}
+    complete = {export: log.wall_s(payload["mtime_ns"]) for export, (_, payload) in arrived.items()}
+    scans = log.recorded_s("/sem/scan", lambda payload: payload["export"])
     return {
-        "file whole -> believed complete": [log.wall_s(told["arrival_time_ns"]) - whole[n] for n, (_, told) in arrived.items()],
-        "file whole -> /sem/file in the log": [log.wall_s(message.log_time_ns) - whole[n] for n, (message, _) in arrived.items()],
+        "file complete -> believed complete": [log.wall_s(payload["arrival_time_ns"]) - complete[n] for n, (_, payload) in arrived.items()],
+        "file complete -> /sem/file in the log": [log.wall_s(message.log_time_ns) - complete[n] for n, (message, _) in arrived.items()],
         "/sem/file -> decoded, /sem/scan": [scans[n] - log.wall_s(arrived[n][0].log_time_ns) for n in scans],
     }
 
 
 def results_s(log: Log) -> dict[str, list[float]]:
     """From the second frame of every pair to the pair's results."""
-    arrived = {told["export"]: (message, told) for message, told in log.of("/sem/file") if told["decision"] == "arrived"}
-    paired = log.recorded_s("/pair", lambda told: told["pair"])
-    strained = log.recorded_s("/strain/summary", lambda told: told["frame"])
-    estimated = log.recorded_s("/drift/estimate", lambda told: max(told["frame"]) // 2)
-    names = ("/sem/file -> /pair", "/sem/file -> /drift/estimate", "/sem/file -> /strain/summary", "file whole -> /strain/summary")
+    arrived = {payload["export"]: (message, payload) for message, payload in log.of("/sem/file") if payload["decision"] == "arrived"}
+    paired = log.recorded_s("/pair", lambda payload: payload["pair"])
+    strained = log.recorded_s("/strain/summary", lambda payload: payload["frame"])
+    estimated = log.recorded_s("/drift/estimate", lambda payload: max(payload["frame"]) // 2)
+    names = ("/sem/file -> /pair", "/sem/file -> /drift/estimate", "/sem/file -> /strain/summary", "file complete -> /strain/summary")
     rows: dict[str, list[float]] = {name: [] for name in names}
     for _, pair in log.of("/pair"):
         number = pair["pair"]
-        message, told = arrived[pair["second"]["export"]]
+        message, payload = arrived[pair["second"]["export"]]
         at, result = log.wall_s(message.log_time_ns), strained[2 * number + 1]
         rows["/sem/file -> /pair"].append(paired[number] - at)
         rows["/sem/file -> /drift/estimate"].append(estimated[number] - at)
         rows["/sem/file -> /strain/summary"].append(result - at)
-        rows["file whole -> /strain/summary"].append(result - log.wall_s(told["mtime_ns"]))
+        rows["file complete -> /strain/summary"].append(result - log.wall_s(payload["mtime_ns"]))
     return rows
 
 
 def analyses_s(log: Log) -> list[float]:
     """Correlation, estimate and strain of every pair, in the analysis process itself."""
-    last_map = {told["current"]: told["wall_s"] for _, told in log.of("/dic/summary")}
+    last_map = {payload["current"]: payload["wall_s"] for _, payload in log.of("/dic/summary")}
     return [last_map[2 * pair["pair"] + 1] for _, pair in log.of("/pair")]
 
 
@@ -168,7 +168,7 @@ def main() -> None:
     """Run both and print."""
     parser = argparse.ArgumentParser(description="Hold and latency of the daemon, measured from its logs.")
     parser.add_argument("--poll-s", type=float, default=1.0, help="between looks at the folder; 1 is the configuration's default")
-    parser.add_argument("--stable-for-s", type=float, default=2.0, help="without change before a file is whole; 2 is the default")
+    parser.add_argument("--stable-for-s", type=float, default=2.0, help="without change before a file is complete; 2 is the default")
     parser.add_argument("--full-rate", type=float, default=40.0, help="experiment seconds per wall second with full-size frames")
     parser.add_argument("--pairs", type=int, default=8, help="of the run with full-size frames; the 99th percentile asks for 100")
     parser.add_argument("--continuous", action="store_true", help="full-size frames are scanned all the time, not when asked")
@@ -184,7 +184,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="semlive-latency-") as folder:
         small = run(SMALL, 1.0, Path(folder) / "small", sem)
         table(
-            f"rate 1, 256 x 221 px; folder looked at every {options.poll_s:g} s, files whole after {options.stable_for_s:g} s of quiet",
+            f"rate 1, 256 x 221 px; folder scanned every {options.poll_s:g} s, files complete after {options.stable_for_s:g} s unchanged",
             [
                 (f"hold beyond {HOLD_S:g} s", [held - HOLD_S for held in holds_s(small)]),
                 ("load frame, time between readings", sample_periods_s(small, "/load_frame/sample")),

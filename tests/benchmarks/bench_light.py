@@ -1,4 +1,4 @@
-"""What is asked after every pair of a run: how often it warns where nothing is hidden, how soon where something is, and what it costs.
+"""Residual test after every pair of a run: rate of false warnings, delay of a warning with a hidden effect, and cost.
 
     python tests/benchmarks/bench_light.py --nulls 9001 9301     # runs of 8 to 15 pairs: from a seed to before another
     python tests/benchmarks/bench_light.py --effects --size 4    # each effect of the library at so many times what can be detected
@@ -35,7 +35,7 @@ from semlive.estimate.joint.solution.solver import selection_due
 from semlive_simulators.effects.interfaces import Effect
 
 
-def say(line: str) -> None:
+def print_line(line: str) -> None:
     """At once, so that a long bench can be watched."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
@@ -66,10 +66,10 @@ def nulls(first: int, beyond: int) -> None:
         found = warned(Case(NOTHING, (), 0.0, seed).conditions(), ())
         alarms += found is not None
         if found is not None:
-            say(f"seed {seed}: {found.notes()[0].text}")
+            print_line(f"seed {seed}: {found.notes()[0].text}")
         if done % 10 == 0 or seed == beyond - 1:
             bound = float(beta.ppf(0.95, alarms + 1, done - alarms))
-            say(f"{alarms} of {done} runs warned: at most {100 * bound:.1f} % (one-sided 95 %)")
+            print_line(f"{alarms} of {done} runs warned: at most {100 * bound:.1f} % (one-sided 95 %)")
 
 
 def effects(size: float, seed: int) -> None:
@@ -81,13 +81,13 @@ def effects(size: float, seed: int) -> None:
             if found is None or found.most_significant is None
             else f"after {found.pairs} pairs, by {found.most_significant.domain}"
         )
-        say(f"{name:32} {reported}")
+        print_line(f"{name:32} {reported}")
 
 
 def cost() -> None:
     """A run of 22 pairs at the usual grid."""
     for pairs, (_, took_s) in enumerate(looks(Conditions(1, tension=14), (), FULL), start=1):
-        say(f"{pairs:3} pairs: {1e3 * took_s:6.0f} ms")
+        print_line(f"{pairs:3} pairs: {1e3 * took_s:6.0f} ms")
 
 
 def main() -> None:

@@ -5,7 +5,7 @@
 
 The generator (tests/benchmarks/foreign) shares no code with the estimator, the diagnosis or the simulators: drift over scan time,
 distortion, shifts and strain at every point, and white noise of the pixels seen through the weights of a subset. A run has 7 pairs of 640 x
-552 px with 32 x 27 points 16 px apart. Runs that were broken off go on where they stopped.
+552 px with 32 x 27 points 16 px apart. Interrupted runs continue where they stopped.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ Verdict = dict[str, Any]
 
 def main() -> None:
     """Run what is missing, or score what is there."""
-    asked = _arguments()
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    if not asked.score:
-        _run(asked)
-    found = table(verdicts(asked.folder))
+    arguments = _arguments()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    if not arguments.score:
+        _run(arguments)
+    found = table(verdicts(arguments.folder))
     sys.stdout.write(found)
-    if asked.write:
+    if arguments.write:
         page = PAGE.read_text(encoding="utf-8")
         before, rest = page.split(BEGIN)
         PAGE.write_text(f"{before}{BEGIN}\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")
@@ -65,15 +65,15 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _run(asked: argparse.Namespace) -> None:
-    own, shards = (int(part) for part in asked.shard.split("/"))
-    begin, done = time.monotonic(), {(line["shape"], line["seed"]) for line in verdicts(asked.folder)}
-    cases = [(shape, FIRST_SEED + run) for run in range(asked.runs) for shape in asked.shapes]
+def _run(arguments: argparse.Namespace) -> None:
+    own, shards = (int(part) for part in arguments.shard.split("/"))
+    begin, done = time.monotonic(), {(line["shape"], line["seed"]) for line in verdicts(arguments.folder)}
+    cases = [(shape, FIRST_SEED + run) for run in range(arguments.runs) for shape in arguments.shapes]
     for shape, seed in cases[own - 1 :: shards]:
-        if time.monotonic() - begin > asked.seconds:
+        if time.monotonic() - begin > arguments.seconds:
             return
         if (shape, seed) not in done:
-            with (asked.folder / f"verdicts-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
+            with (arguments.folder / f"verdicts-{own}-of-{shards}.jsonl").open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps({"shape": shape, "seed": seed, **verdict_of(shape, seed)}) + "\n")
 
 

@@ -5,8 +5,8 @@
 The log is written by the real recorder in this process, which plays control: its processor time is what the page could cost control.
 The page is the real process; the browser is the system's Chromium. Four parts:
 
-- first paint: of a page with a whole experiment in its log, over loopback, by the browser's own measure, best, worst and median of ten;
-- log to page: from the message handed to the recorder to the words in the document, for log lines with a transition, which is flushed at
+- first paint: of a page with a complete experiment in its log, over loopback, by the browser's own measure, best, worst and median of ten;
+- log to page: from the message handed to the recorder to the text in the document, for log lines with a transition, which is flushed at
   once; readings of the load are flushed once a second and are as old as that;
 - viewers: processor time of the page's process, and of control with and without them, while 20 readings a second and events come;
 - a week: readings and frames of a week are pressed into minutes; resident memory of the page's process, heap of the browser's page and
@@ -81,7 +81,7 @@ class Shown:
         reported = StateMessage(time_ns=self.clock.now_ns(), before="ready", after=after, cause="start", step=0, guards={})
         self.recorder.write("/state", reported)
 
-    def say(self, text: str) -> None:
+    def post_message(self, text: str) -> None:
         self.recorder.write("/log", LogLineMessage(time_ns=self.clock.now_ns(), level="info", text=text))
         # Lines are telemetry to the recorder; an event behind it takes it along.
         self.enter(int(time.monotonic() * 1000))
@@ -140,19 +140,19 @@ def log_to_page(page: Page, one: Shown, events: int) -> list[float]:
     page.goto(one.address)
     page.evaluate(
         """() => {
-            window.seen = [];
-            new MutationObserver(() => window.seen.push([document.getElementById('message').textContent, Date.now()]))
+            window.observed = [];
+            new MutationObserver(() => window.observed.push([document.getElementById('message').textContent, Date.now()]))
                 .observe(document.getElementById('message'), {childList: true, characterData: true, subtree: true});
         }"""
     )
     reported: dict[str, float] = {}
     for number in range(events):
         reported[f"event {number}"] = 1e3 * time.time()
-        one.say(f"event {number}")
+        one.post_message(f"event {number}")
         one.reading(number)
         page.wait_for_timeout(int(1e3 * (0.06 + 0.05 * ((number * 0.618) % 1.0))))
     page.wait_for_timeout(1000)
-    observed = dict(page.evaluate("window.seen"))
+    observed = dict(page.evaluate("window.observed"))
     return [observed[text] - at_ms for text, at_ms in reported.items() if text in observed]
 
 
@@ -199,7 +199,7 @@ def cost(one: Shown, viewers: int, seconds: float) -> tuple[float, float, float]
 
 
 def many(address: str, count: int) -> None:
-    """Viewers in a process of their own, until its standard input ends; tells how much they received."""
+    """Viewers in a process of their own, until its standard input ends; reports how much they received."""
     looking = [Viewer(address) for _ in range(count)]
     for viewer in looking:
         threading.Thread(target=viewer.look, daemon=True).start()
@@ -212,7 +212,7 @@ def many(address: str, count: int) -> None:
 
 
 def week(page: Page, one: Shown, readings: int) -> list[tuple[int, float, float, float]]:
-    """Readings told, memory of the page's process (MB), heap of the browser's page (MB) and its slowest drawing (ms), at four instants."""
+    """Readings sent, memory of the page's process (MB), heap of the browser's page (MB) and its slowest drawing (ms), at four instants."""
     page.goto(one.address)
     rows, start_ns = [], one.clock.now_ns()
     spacing_ns = round(7 * 86400 * 1e9 / readings)
@@ -240,7 +240,7 @@ def file(export: int, decision: str, reason: str) -> FileMessage:
     )
 
 
-def asked_for(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+def parsed_arguments(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="What the live page costs and how fast it is.")
     parser.add_argument("--paints", type=int, default=10)
     parser.add_argument("--events", type=int, default=300)
@@ -250,34 +250,34 @@ def asked_for(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def measure(browser: Browser, asked: argparse.Namespace) -> None:
+def measure(browser: Browser, arguments: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as root, browser.new_page(viewport={"width": 1440, "height": 900}) as page:
         for name in ("a", "b"):
             (Path(root) / name).mkdir()
         with shown(Path(root) / "a") as one:
-            paints = first_paint(browser, one, asked.paints)
-            tell(f"first paint: {min(paints):.0f} to {max(paints):.0f} ms, median {np.median(paints):.0f} ms (bar: 1000)")
-            delays = log_to_page(page, one, asked.events)
+            paints = first_paint(browser, one, arguments.paints)
+            report(f"first paint: {min(paints):.0f} to {max(paints):.0f} ms, median {np.median(paints):.0f} ms (bar: 1000)")
+            delays = log_to_page(page, one, arguments.events)
             p50, p99 = np.percentile(delays, [50, 99])
-            counted = f"{len(delays)} of {asked.events} events"
-            tell(f"log to page: {counted}, median {p50:.0f} ms, p99 {p99:.0f} ms, most {max(delays):.0f} ms (bar: 200)")
+            counted = f"{len(delays)} of {arguments.events} events"
+            report(f"log to page: {counted}, median {p50:.0f} ms, p99 {p99:.0f} ms, most {max(delays):.0f} ms (bar: 200)")
             page.goto("about:blank")
-            for viewers in (0, asked.viewers):
-                web, control, rate = cost(one, viewers, asked.seconds)
+            for viewers in (0, arguments.viewers):
+                web, control, rate = cost(one, viewers, arguments.seconds)
                 spent = f"page's process {100 * web:.1f} %, control {100 * control:.1f} % of a core (bar: 5)"
-                tell(f"{viewers} viewers: {spent}, {rate:.1f} kB/s each")
+                report(f"{viewers} viewers: {spent}, {rate:.1f} kB/s each")
         with shown(Path(root) / "b") as one:
-            for reported, memory, heap, slow in week(page, one, asked.readings):
-                days = 7.0 * reported / asked.readings
+            for reported, memory, heap, slow in week(page, one, arguments.readings):
+                days = 7.0 * reported / arguments.readings
                 stored = f"page's process {memory:.0f} MB, browser's heap {heap:.1f} MB"
-                tell(f"day {days:.1f}: {stored}, longest between two pictures {slow:.0f} ms")
+                report(f"day {days:.1f}: {stored}, longest between two pictures {slow:.0f} ms")
 
 
-def tell(line: str) -> None:
+def report(line: str) -> None:
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
 
 
 if __name__ == "__main__":
     with chromium() as opened:
-        measure(opened, asked_for())
+        measure(opened, parsed_arguments())

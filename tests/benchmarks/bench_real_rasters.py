@@ -109,17 +109,17 @@ def read(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
 def third_measure(first: Image, second: Image, x: float, y: float, u: float, v: float) -> tuple[float, float] | None:
     """Displacement of a block by the enhanced correlation coefficient, from a first value; None without convergence."""
     half, height, width = THIRD_BLOCK_PX // 2, *first.shape
-    left, top = round(x - half), round(y - half)
-    if min(left, top) < 0 or left + THIRD_BLOCK_PX > width or top + THIRD_BLOCK_PX > height:
+    x0, top = round(x - half), round(y - half)
+    if min(x0, top) < 0 or x0 + THIRD_BLOCK_PX > width or top + THIRD_BLOCK_PX > height:
         return None
-    block = np.ascontiguousarray(first[top : top + THIRD_BLOCK_PX, left : left + THIRD_BLOCK_PX])
-    start = np.array([[1.0, 0.0, left + u], [0.0, 1.0, top + v]], dtype=np.float32)
+    block = np.ascontiguousarray(first[top : top + THIRD_BLOCK_PX, x0 : x0 + THIRD_BLOCK_PX])
+    start = np.array([[1.0, 0.0, x0 + u], [0.0, 1.0, top + v]], dtype=np.float32)
     everywhere = np.full(block.shape, 255, dtype=np.uint8)
     try:
         _, motion = cv2.findTransformECC(block, second, start, cv2.MOTION_AFFINE, THIRD_CRITERIA, everywhere, 1)
     except cv2.error:  # it does not converge
         return None
-    to_x, to_y = motion @ np.array([x - left, y - top, 1.0])
+    to_x, to_y = motion @ np.array([x - x0, y - top, 1.0])
     return (to_x - x, to_y - y) if np.hypot(to_x - x - u, to_y - y - v) < THIRD_REACH_PX else None
 
 

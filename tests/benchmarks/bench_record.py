@@ -1,4 +1,4 @@
-"""How fast a log takes images, beside plain writes of the same bytes to the same disk in the same run.
+"""How fast a log takes images, compared with plain writes of the same bytes to the same disk in the same run.
 
     python tests/benchmarks/bench_record.py [--images 60] [--mb 1] [--rounds 7] [--folder FOLDER]
 
@@ -129,7 +129,7 @@ def main() -> None:
     parser.add_argument("--images", type=int, default=60)
     parser.add_argument("--mb", type=float, default=1.0)
     parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--folder", type=Path, help="on the disk that is asked; by default where temporary files are")
+    parser.add_argument("--folder", type=Path, help="on the tested disk; by default where temporary files are")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=arguments.folder) as name:
         speeds, ratios = measured(Path(name), arguments.images, int(arguments.mb * 1e6), arguments.rounds)

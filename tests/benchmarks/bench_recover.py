@@ -1,11 +1,11 @@
-"""What `semlive recover` keeps of a damaged log: random tears, flipped bits, zero pages, rubbish behind a tear.
+"""What `semlive recover` keeps of a damaged log: random truncation, flipped bits, zero pages, rubbish after the cut.
 
     python tests/benchmarks/bench_recover.py [--log LOG] [--cases 1000] [--max-mb 16]
 
-Without --log the short demo makes one (a minute); of a larger log the first --max-mb are taken. Where each message stands is told by
-the mcap library's own index of the whole log, and whether a recovered log is valid by the library's indexed reader. Held to:
+Without --log the short demo makes one (a minute); of a larger log the first --max-mb are taken. The place of each message is given by
+the mcap library's own index of the complete log, and whether a recovered log is valid by the library's indexed reader. Held to:
 
-* torn: every message that stood wholly before the tear is kept;
+* truncated: every message that ends before the cut is kept;
 * a flipped bit, or a zero page of 4096 bytes: every message outside the chunks that it touched is kept;
 * always: what is kept are messages of the log as they were, in their order, and the recovered log is valid and indexed.
 """
@@ -29,12 +29,12 @@ from mcap.reader import make_reader
 from semlive.service.log.repair import RepairSummary, recover_segment
 
 PAGE = 4096
-KINDS = ("torn", "torn and rubbish", "bit", "page", "unfinished, bit", "unfinished, page")
+KINDS = ("truncated", "truncated, then rubbish", "bit", "page", "unfinished, bit", "unfinished, page")
 
 
 @dataclass(frozen=True)
 class Standing:
-    """A message of the whole log, and where it stands."""
+    """A message of the complete log, and its place."""
 
     key: tuple[str, int, int, int, bytes]
     start: int
@@ -43,7 +43,7 @@ class Standing:
 
 
 def standing(data: bytes) -> list[Standing]:
-    """Every message of a whole log in file order, by the mcap library's index."""
+    """Every message of a complete log in file order, by the mcap library's index."""
     reader = make_reader(BytesIO(data), validate_crcs=True)
     summary = reader.get_summary()
     assert summary is not None
@@ -81,8 +81,8 @@ def cases(data: bytes, messages: list[Standing], count: int, seed: int = 6) -> I
         kind = KINDS[number % len(KINDS)]
         spoilt = bytearray(data if not kind.startswith("unfinished") else data[:data_end])
         at = int(rng.integers(len(spoilt)))
-        if kind.startswith("torn"):
-            rubbish = rng.integers(0, 256, int(rng.integers(1, PAGE)), dtype=np.uint8).tobytes() if kind != "torn" else b""
+        if kind.startswith("truncated"):
+            rubbish = rng.integers(0, 256, int(rng.integers(1, PAGE)), dtype=np.uint8).tobytes() if kind != "truncated" else b""
             if rng.integers(2):
                 rubbish = bytes(len(rubbish))
             yield Case(f"{kind} at {at}", bytes(spoilt[:at]) + rubbish, [item for item in messages if item.end <= at])
@@ -119,9 +119,9 @@ def held(case: Case, recovered: RepairSummary, all_keys: list[tuple[str, int, in
     assert not missing, f"{case.name}: lost {dict(missing)}"
     lost = len(all_keys) - len(stored)
     if recovered.lost_is_complete:
-        assert sum(recovered.lost.values()) == lost, f"{case.name}: lost {lost}, said {dict(recovered.lost)}"
+        assert sum(recovered.lost.values()) == lost, f"{case.name}: lost {lost}, reported {dict(recovered.lost)}"
     else:
-        assert sum(recovered.lost.values()) <= lost, f"{case.name}: lost {lost}, said {dict(recovered.lost)}"
+        assert sum(recovered.lost.values()) <= lost, f"{case.name}: lost {lost}, reported {dict(recovered.lost)}"
     return len(stored) - len(case.must)
 
 
@@ -152,7 +152,7 @@ def campaign(data: bytes, count: int, folder: Path) -> list[str]:
     lines = [f"log: {len(data) / 1e6:.1f} MB, {len(messages)} messages, {len({item.chunk for item in messages})} chunks"]
     lines += [
         f"{kind:<18} {done[kind]:4d} cases: {stored[kind]:9d} messages kept of {must[kind]:9d} asked ({more[kind]} more); "
-        f"loss told exactly in {exact[kind]}"
+        f"loss reported exactly in {exact[kind]}"
         for kind in done
     ]
     spent = time.process_time() - began

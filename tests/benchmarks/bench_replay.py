@@ -55,7 +55,7 @@ def write_long_folder(experiment: Experiment, count: int, folder: Path) -> None:
 
 def timed(arguments: list[str], count: int | None = None) -> tuple[str, float, float, float]:
     """Standard output, processor and wall seconds, and peak memory in MB of `semlive ARGUMENTS` in a process of its own."""
-    # The peak is the kernel's word for this program (VmHWM): ru_maxrss begins with the parent's.
+    # The peak is the kernel's figure for this program (VmHWM): ru_maxrss begins with the parent's.
     script = (
         "import re, sys, time; from semlive.cli.app import run_app; sys.argv[0] = 'semlive'; code = run_app(); "
         "peak = int(re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1]) / 1024; "

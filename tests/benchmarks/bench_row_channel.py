@@ -3,7 +3,7 @@
     python tests/benchmarks/bench_row_channel.py [--pairs 8] [--nulls 20]
 
 Frames of 1024 x 884 px are rendered by the simulator without noise, at times that have nothing to do with the mains, and exposed with 2,
-5 and 10 % of full scale (5, 13 and 26 grey levels). Nulls are exposed anew each time, as many for each noise.
+5 and 10 % of full scale (5, 13 and 26 grey levels). Nulls are exposed again each time, as many for each noise.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def registered(frames: Frames, percent: float, seed: int) -> list[RowSeries]:
     return series
 
 
-def said(found: RowDiagnosis) -> str:
+def summary(found: RowDiagnosis) -> str:
     """A verdict in a line."""
     effects = []
     for entry in found.effects:
@@ -90,7 +90,7 @@ def main() -> None:
         for percent in PERCENT:
             begin = time.process_time()
             found = diagnose_rows(registered(frames, percent, 1))
-            sys.stdout.write(f"{name}, noise {percent} %: {said(found)} [{time.process_time() - begin:.1f} s]\n")
+            sys.stdout.write(f"{name}, noise {percent} %: {summary(found)} [{time.process_time() - begin:.1f} s]\n")
             sys.stdout.flush()
     frames, false, seeds = rendered(requests.pairs), 0, 0
     for percent in PERCENT:
@@ -99,7 +99,7 @@ def main() -> None:
             seeds += 1
             if found.outcome.value != "NONE":
                 false += 1
-                sys.stdout.write(f"null, noise {percent} %, seed {seed}: {said(found)}\n")
+                sys.stdout.write(f"null, noise {percent} %, seed {seed}: {summary(found)}\n")
     bound = 1.0 if false == seeds else float(beta.ppf(0.95, false + 1, seeds - false)) if seeds else 1.0
     sys.stdout.write(f"false names: {false} of {seeds} nulls of {requests.pairs} pairs, one-sided 95 % bound {100 * bound:.1f} %\n")
 

@@ -29,10 +29,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tables", type=Path, required=True)
     parser.add_argument("--write", action="store_true", help="put the table into docs/validation/diagnosis.md")
-    asked = parser.parse_args()
-    found = table([profile_of(asked.tables / f"{name}.txt", *setting) for name, setting in TABLES.items()])
+    arguments = parser.parse_args()
+    found = table([profile_of(arguments.tables / f"{name}.txt", *setting) for name, setting in TABLES.items()])
     sys.stdout.write(found)
-    if asked.write:
+    if arguments.write:
         page = PAGE.read_text(encoding="utf-8")
         before, rest = page.split(BEGIN)
         PAGE.write_text(f"{before}{BEGIN}\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")

@@ -4,7 +4,7 @@
 
 A device on a pseudo-terminal, in a process of its own, answers in order; register k holds 1000 + k. Readings ask for 1 to 4 registers
 anywhere, so that a late answer often has the form of the one that is waited for. An answer that is late comes after 1.1 to 6 times the
-time-out. A reading is right, refused (an error that is said), or wrong. `--master pymodbus` does the same with that library's client,
+time-out. A reading is right, refused (a reported error), or wrong. `--master pymodbus` does the same with that library's client,
 without retries, closed and opened again after each error. Prints one JSON object; the exit code is 1 if a reading was wrong.
 """
 

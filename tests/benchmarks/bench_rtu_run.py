@@ -1,4 +1,4 @@
-"""Whole experiments over Modbus RTU: load frame and stage as two units on one serial line, beside busy programs.
+"""Complete experiments over Modbus RTU: load frame and stage as two units on one serial line, next to busy programs.
 
     python tests/benchmarks/bench_rtu_run.py [--runs 3] [--busy 2] [--rate 20] [--line rtu|tcp]
 
@@ -40,7 +40,7 @@ experiment:
 
 
 def one_run(folder: Path, bench: dict[str, Any], rate: float, name: str) -> dict[str, Any]:
-    """A run from begin to end, and what its log tells of the line."""
+    """A run from begin to end, and the figures of the line in its log."""
     config = daemon_config(bench, rate)
     config["run"]["name"] = name
     config["dic"] = {"subset_px": 31, "step_px": 8, "roi_px": None}

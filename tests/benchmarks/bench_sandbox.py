@@ -2,9 +2,9 @@
 
     sudo python tests/benchmarks/bench_sandbox.py
 
-Where systemd runs, the properties are those of deploy/semlive@.service (systemd-run). Elsewhere a mount namespace stands in: the
-whole system read-only, an empty home, and a cache folder told by CACHE_DIRECTORY, as systemd tells it; what the unit says of system
-calls, devices and networks is then not tried. The second run shows that what was compiled is kept.
+Where systemd runs, the properties are those of deploy/semlive@.service (systemd-run). Elsewhere a mount namespace replaces it: the
+complete system read-only, an empty home, and a cache folder given by CACHE_DIRECTORY, as by systemd; the unit's limits on system
+calls, devices and networks are then not tested. The second run shows that what was compiled is kept.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = ROOT / "deploy" / "semlive@.service"
-LEFT_OUT = (
+EXCLUDED_PROPERTIES = (
     "Type",
     "Exec",
     "Notify",
@@ -59,7 +59,7 @@ def command(folder: Path, work: list[str]) -> tuple[list[str], dict[str, str]]:
     environ = {"PATH": os.environ["PATH"], "PYTHONDONTWRITEBYTECODE": "1"}
     if Path("/proc/1/comm").read_text(encoding="utf-8").strip() == "systemd":
         lines = re.findall(r"^(\w+)=(.*)$", UNIT.read_text(encoding="utf-8").partition("[Service]")[2], re.MULTILINE)
-        stored = [f"--property={key}={value}" for key, value in lines if not key.startswith(LEFT_OUT)]
+        stored = [f"--property={key}={value}" for key, value in lines if not key.startswith(EXCLUDED_PROPERTIES)]
         own = [f"--property=ReadWritePaths={folder}", f"--setenv=NUMBA_CACHE_DIR={folder}/jit"]
         return ["systemd-run", "--wait", "--pipe", "--quiet", *stored, *own, *work], environ
     home = Path.home()
@@ -71,7 +71,7 @@ def command(folder: Path, work: list[str]) -> tuple[list[str], dict[str, str]]:
 
 
 def main() -> int:
-    """Correlate twice, and say what it took."""
+    """Correlate twice, and report the times."""
     with tempfile.TemporaryDirectory(prefix="semlive-sandbox-") as name:
         folder = Path(name)
         work = [sys.executable, "-m", "semlive", "dic", *pair(folder), "--step", "20", "--json"]

@@ -3,9 +3,9 @@
     python tests/benchmarks/bench_share.py [--files 300] [--seed 1] [--seconds-away 8]
 
 Needs root and the packages samba and smbnetfs. The server answers at 127.0.0.45 alone. Files are written on the server's own disk, as a
-microscope's computer does, in the patterns of bench_watch.py, a step a second by the real clock; the watch sees the mounted folder, as
+microscope's computer does, in the patterns of bench_watch.py, a step a second by the real clock; the watch uses the mounted folder, as
 the control computer does. When all are there, and many still wait to be judged, the server is killed and comes back. Left out is what
-changes with its size and modification time put back: Samba tells the modification time as the time of change. One JSON line is printed;
+changes with its size and modification time put back: Samba reports the modification time as the time of change. One JSON line is printed;
 the code is 1 if any verdict is wrong, missing or given twice.
 """
 
@@ -86,7 +86,7 @@ class Server:
 
 @contextlib.contextmanager
 def mounted(folder: Path) -> Iterator[Path]:
-    """The share as another computer sees it."""
+    """The share mounted on another computer."""
     home, place = folder / "home", folder / "mounted"
     place.mkdir()
     (home / ".smb").mkdir(parents=True)
@@ -113,15 +113,15 @@ def play(scenes: list[Scene], files: int, server: Server, away_s: float) -> None
     """A step a second, by the real clock, until nothing more can come of any file."""
     running: list[Steps] = []
     began_s = time.monotonic()
-    quiet_s, away, back_s = began_s + 1.0, False, 0.0
-    while time.monotonic() < quiet_s or running:
+    end_s, away, back_s = began_s + 1.0, False, 0.0
+    while time.monotonic() < end_s or running:
         step_s = time.monotonic()
         for (_, _, patterns), scene in zip(SCENES, scenes, strict=True):
             scene.clock.now()  # type: ignore[attr-defined]
             if len(scene.expected) < files // len(scenes):
-                quiet_s = step_s + SIDECAR_S + 2 * GIVE_UP_S + away_s
-                seen = [one for one in patterns if one is not overwritten_unseen]
-                running += [seen[int(scene.rng.integers(len(seen)))](scene) for _ in range(3)]
+                end_s = step_s + SIDECAR_S + 2 * GIVE_UP_S + away_s
+                expected = [one for one in patterns if one is not overwritten_unseen]
+                running += [expected[int(scene.rng.integers(len(expected)))](scene) for _ in range(3)]
         running = [one for one in running if next(one, running) is None]
         if not away and not running:
             away, back_s = True, step_s + away_s
@@ -136,7 +136,7 @@ def play(scenes: list[Scene], files: int, server: Server, away_s: float) -> None
 
 
 def measure(files: int, seed: int, away_s: float, folder: Path) -> dict[str, object]:
-    """The whole of it."""
+    """The complete campaign."""
     share = folder / "share"
     (folder / "server" / "rpc").mkdir(parents=True)
     for number in range(len(SCENES)):
@@ -144,11 +144,11 @@ def measure(files: int, seed: int, away_s: float, folder: Path) -> dict[str, obj
     server = Server(folder / "server", share)
     server.start()
     try:
-        with mounted(folder) as seen:
+        with mounted(folder) as mount:
             scenes = []
             for number, (vendor, vendors, _) in enumerate(SCENES):
                 chance, path = np.random.default_rng((seed, number)), share / f"export{number}"
-                scene = Scene(path, folder / f"away{number}", WallClock(), vendors, chance, vendor, seen / path.name)
+                scene = Scene(path, folder / f"away{number}", WallClock(), vendors, chance, vendor, mount / path.name)
                 scene.clock.now()  # type: ignore[attr-defined]
                 scene.open()
                 scenes.append(scene)
@@ -179,9 +179,9 @@ def main() -> int:
     if shutil.which("smbd") is None or shutil.which("smbnetfs") is None:
         parser.error("smbd and smbnetfs are not installed; install the packages samba and smbnetfs")
     with tempfile.TemporaryDirectory() as folder:
-        told = measure(arguments.files, arguments.seed, arguments.seconds_away, Path(folder))
-    sys.stdout.write(json.dumps(told) + "\n")
-    return 1 if told["wrong"] else 0
+        figures = measure(arguments.files, arguments.seed, arguments.seconds_away, Path(folder))
+    sys.stdout.write(json.dumps(figures) + "\n")
+    return 1 if figures["wrong"] else 0
 
 
 if __name__ == "__main__":

@@ -3,12 +3,12 @@
     python tests/benchmarks/bench_soak.py --pairs 1000 [--hold 600] [--frame 60] [--rate 300] [--out FOLDER]
 
 The simulated bench and the real daemon, 256 x 201 px, pair after pair of stage shifts and two loads at the end. With a hold of ten
-minutes and a scan a minute 900 pairs are a week of the experiment's time. The log is cut into small segments, and beside the run old runs
+minutes and a scan a minute 900 pairs are a week of the experiment's time. The log is cut into small segments, and during the run old runs
 are pruned again and again to a limit that it exceeds itself: copies of a finished run go, it stays. The memory of every process of the
 daemon is taken each second (resident set without pages of files; /proc, Linux). After the warm-up, the first quarter, its slope is fitted
 to the medians of 16 stretches up to the last step's end (a choice takes twice as much for half a minute; what stays after it is
-looked for), with the standard error that their scatter gives, larger where what is left over of one stretch resembles that of the next:
-memory that goes in steps says less than so many independent figures would. The slopes of each quarter of the rest stand beside it, and
+looked for), with the standard error that their scatter gives, larger where the residual of one stretch resembles that of the next:
+memory that grows in steps holds less information than so many independent figures. Also printed: the slope of each later quarter, and
 the most that was ever taken. Prints one JSON object; the exit code is 1 if the run did not complete, readings are missing, an old
 run was kept, or the slope of a process is more than two of its errors above zero, or is not known within 1 MB in 1000 pairs (two errors).
 """
@@ -55,14 +55,14 @@ SCENARIO: dict[str, Any] = {
 SHIFTS = ((0, 0), (6, 0), (0, 6), (-6, 0), (0, -6))
 STRETCHES = 16
 WARM_UP = 0.25
-KNOWN_WITHIN_MB = 1.0
+MAX_UNCERTAINTY_MB = 1.0
 LIMIT_GB = 0.02
 OLD_BYTES = 5_000_000
 PRUNE_EVERY_S = 30.0
 
 
 @dataclass(frozen=True)
-class Asked:
+class SoakPlan:
     """What is soaked.
 
     Attributes:
@@ -103,22 +103,22 @@ def _children(pid: int) -> list[int]:
 
 def slope(times_s: np.ndarray, resident_mb: np.ndarray, pairs_per_s: float) -> dict[str, Any]:
     """Growth in MB for 1000 pairs after the warm-up, and its standard error."""
-    kept = times_s >= times_s[0] + WARM_UP * (times_s[-1] - times_s[0])
-    middle = [(part_t.mean(), np.median(part_m)) for part_t, part_m in _stretches(times_s[kept], resident_mb[kept])]
+    after_warm_up = times_s >= times_s[0] + WARM_UP * (times_s[-1] - times_s[0])
+    middle = [(part_t.mean(), np.median(part_m)) for part_t, part_m in _stretches(times_s[after_warm_up], resident_mb[after_warm_up])]
     t, m = np.array(middle).T
     fit = np.polyfit(t, m, 1)
     off = m - np.polyval(fit, t)
     sigma = math.sqrt((off**2).sum() / (len(t) - 2) / ((t - t.mean()) ** 2).sum())
-    alike = min(max(float((off[1:] * off[:-1]).sum() / max((off**2).sum(), 1e-12)), 0.0), 0.9)
-    sigma *= math.sqrt((1.0 + alike) / (1.0 - alike))
+    autocorrelation = min(max(float((off[1:] * off[:-1]).sum() / max((off**2).sum(), 1e-12)), 0.0), 0.9)
+    sigma *= math.sqrt((1.0 + autocorrelation) / (1.0 - autocorrelation))
     scale = 1000.0 / pairs_per_s
-    quarters = zip(np.array_split(times_s[kept], 4), np.array_split(resident_mb[kept], 4), strict=True)
+    quarters = zip(np.array_split(times_s[after_warm_up], 4), np.array_split(resident_mb[after_warm_up], 4), strict=True)
     return {
         "mb_per_1000_pairs": round(float(fit[0]) * scale, 2),
         "standard_error": round(sigma * scale, 2),
-        "alike": round(alike, 2),
+        "alike": round(autocorrelation, 2),
         "by_quarter": [round(float(np.polyfit(part_t, part_m, 1)[0]) * scale, 1) for part_t, part_m in quarters],
-        "first_mb": round(float(resident_mb[kept][0]), 1),
+        "first_mb": round(float(resident_mb[after_warm_up][0]), 1),
         "last_mb": round(float(resident_mb[-1]), 1),
         "most_mb": round(float(resident_mb.max()), 1),
     }
@@ -129,7 +129,7 @@ def _stretches(times_s: np.ndarray, values: np.ndarray) -> list[tuple[np.ndarray
 
 
 def looked_at(log: Path) -> dict[str, Any]:
-    """What the log tells: pairs, readings that are missing, faults, the experiment's time."""
+    """Figures of the log: pairs, missing readings, faults, the experiment's time."""
     pairs, results, numbers, faults, ends = 0, 0, list[int](), list[str](), list[int]()
     for one in messages(log):
         ends = [*ends[:1], one.log_time_ns]
@@ -143,8 +143,8 @@ def looked_at(log: Path) -> dict[str, Any]:
     missing = sum(after - before - 1 for before, after in itertools.pairwise(numbers) if after > before)
     opened = sum(after <= before for before, after in itertools.pairwise(numbers))
     hours = (ends[-1] - ends[0]) / 3.6e12 if ends else 0.0
-    told = {"pairs": pairs, "estimates": results, "readings": len(numbers), "missing_readings": missing, "links_opened_again": opened}
-    return told | {
+    figures = {"pairs": pairs, "estimates": results, "readings": len(numbers), "missing_readings": missing, "links_opened_again": opened}
+    return figures | {
         "experiment_h": round(hours, 2),
         "faults": faults[:5],
         "segments": len(list(log.iterdir())),
@@ -154,23 +154,23 @@ def looked_at(log: Path) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def pruning(root: Path) -> Iterator[dict[str, int]]:
-    """Old runs come, and are pruned beside the run that goes on; gives how many came and went."""
-    over, told = threading.Event(), {"old_runs": 0, "pruned": 0}
+    """Old runs come, and are pruned during the run; gives how many came and went."""
+    over, counts = threading.Event(), {"old_runs": 0, "pruned": 0}
 
     def run() -> None:
         while not over.is_set():
-            name = f"old{told['old_runs']}"
+            name = f"old{counts['old_runs']}"
             _old_run(root / name, name)
-            told["old_runs"] += 1
+            counts["old_runs"] += 1
             command = [sys.executable, "-m", "semlive", "prune", str(root), "--gb", str(LIMIT_GB), "--delete", "--json"]
             done = subprocess.run(command, capture_output=True, text=True, check=True)
-            told["pruned"] += sum(one["deleted"] for one in json.loads(done.stdout)["runs"])
+            counts["pruned"] += sum(one["deleted"] for one in json.loads(done.stdout)["runs"])
             over.wait(PRUNE_EVERY_S)
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
-        yield told
+        yield counts
     finally:
         over.set()
         thread.join()
@@ -196,10 +196,10 @@ def scenario(pairs: int, frame_s: float) -> str:
     return yaml.safe_dump({**SCENARIO, "scan": {**SCENARIO["scan"], "frame_time_s": frame_s}, "experiment": {"protocol": protocol}})
 
 
-def measure(asked: Asked, folder: Path) -> dict[str, Any]:
+def measure(plan: SoakPlan, folder: Path) -> dict[str, Any]:
     """One run from begin to end."""
-    pairs, rate = asked.pairs, asked.rate
-    (folder / "soak.yaml").write_text(scenario(pairs, asked.frame_s), encoding="utf-8")
+    pairs, rate = plan.pairs, plan.rate
+    (folder / "soak.yaml").write_text(scenario(pairs, plan.frame_s), encoding="utf-8")
     with running_simulator(str(folder / "soak.yaml"), folder / "bench", rate) as bench, pruning(folder / "log") as pruned:
         config = daemon_config(bench, rate)
         config["run"] |= {"name": "soak", "segment_gb": 0.05}
@@ -207,7 +207,7 @@ def measure(asked: Asked, folder: Path) -> dict[str, Any]:
         config["sem"] |= {"poll_s": 0.1, "stable_for_s": 0.1}
         config["dic"] = {"subset_px": 31, "step_px": 14, "roi_px": None}
         config["estimate"] = {"accept_poor_calibration": True}
-        config["protocol"] |= {"load_tolerance_n": 20.0, "recentre_beyond_px": 10.0, "hold_s": asked.hold_s}
+        config["protocol"] |= {"load_tolerance_n": 20.0, "recentre_beyond_px": 10.0, "hold_s": plan.hold_s}
         config["load_frame"]["poll_s"], config["stage"]["poll_s"] = 0.05, 0.1
         for device in ("load_frame", "stage"):
             # A simulator that a busy computer does not let answer is no fault that is looked for here.
@@ -217,22 +217,22 @@ def measure(asked: Asked, folder: Path) -> dict[str, Any]:
         (folder / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
         command = [sys.executable, "-m", "semlive", "run", str(folder / "run.yaml"), "--stop-on-fault", "--no-page"]
         began_s = time.monotonic()
-        with (folder / "said").open("w+", encoding="utf-8") as said, (folder / "memory.jsonl").open("w", buffering=1) as series:
+        with (folder / "said").open("w+", encoding="utf-8") as output, (folder / "memory.jsonl").open("w", buffering=1) as series:
             as_unit = {**os.environ, "PYTHONMALLOC": "malloc"}  # as deploy/semlive@.service has it
-            daemon = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, env=as_unit)
+            daemon = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=output, env=as_unit)
             taken: list[tuple[float, dict[str, float]]] = []
             while daemon.poll() is None:
-                # The conclusion corrects every frame anew, once, and takes what it takes.
+                # The conclusion corrects every frame again, once, and takes the time that it needs.
                 if " complete " not in (folder / "said").read_bytes()[-1000:].decode(errors="replace"):
                     taken.append((time.monotonic() - began_s, processes(daemon.pid)))
                     series.write(json.dumps(taken[-1]) + "\n")
                 time.sleep(1.0)
-            said.seek(0)
-            last = " ".join(said.read().split())[-200:]
+            output.seek(0)
+            last = " ".join(output.read().split())[-200:]
         wall_s = time.monotonic() - began_s
-    told = {"exit_code": daemon.returncode, "wall_s": round(wall_s), **looked_at(folder / "log" / "soak"), **pruned}
-    told["memory"] = {name: _memory(taken, name, told["pairs"] / taken[-1][0]) for name in ("control", "analysis")}
-    return told if daemon.returncode == 0 else {**told, "said": last}
+    figures = {"exit_code": daemon.returncode, "wall_s": round(wall_s), **looked_at(folder / "log" / "soak"), **pruned}
+    figures["memory"] = {name: _memory(taken, name, figures["pairs"] / taken[-1][0]) for name in ("control", "analysis")}
+    return figures if daemon.returncode == 0 else {**figures, "said": last}
 
 
 def _memory(taken: list[tuple[float, dict[str, float]]], name: str, pairs_per_s: float) -> dict[str, Any]:
@@ -240,10 +240,10 @@ def _memory(taken: list[tuple[float, dict[str, float]]], name: str, pairs_per_s:
     return slope(there[:, 0], there[:, 1], pairs_per_s) if len(there) > 4 * STRETCHES else {}
 
 
-def grows(told: dict[str, Any]) -> bool:
-    """Whether a slope can be told from zero, or is not known well enough to say."""
-    error = told.get("standard_error", math.inf)
-    return 2.0 * error > KNOWN_WITHIN_MB or told["mb_per_1000_pairs"] > 2.0 * error
+def grows(figures: dict[str, Any]) -> bool:
+    """Whether a slope is significantly above zero, or is too uncertain to decide."""
+    error = figures.get("standard_error", math.inf)
+    return 2.0 * error > MAX_UNCERTAINTY_MB or figures["mb_per_1000_pairs"] > 2.0 * error
 
 
 def main() -> int:
@@ -258,10 +258,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = options.out or Path(name)
         folder.mkdir(parents=True, exist_ok=True)
-        told = measure(Asked(options.pairs, options.rate, options.hold, options.frame), folder)
-    sys.stdout.write(json.dumps(told) + "\n")
-    worse = any(grows(one) for one in told["memory"].values())
-    return int(told["exit_code"] != 0 or told["missing_readings"] != 0 or told["pruned"] < told["old_runs"] or worse)
+        figures = measure(SoakPlan(options.pairs, options.rate, options.hold, options.frame), folder)
+    sys.stdout.write(json.dumps(figures) + "\n")
+    worse = any(grows(one) for one in figures["memory"].values())
+    return int(figures["exit_code"] != 0 or figures["missing_readings"] != 0 or figures["pruned"] < figures["old_runs"] or worse)
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ def errors(experiment: Experiment, result: RunResult) -> dict[str, list[float]]:
     """Rms over the frames, 1e-6, for exx, eyy, exy."""
     wrong, stated = [], []
     for item in (frame.summary for frame in result.frames if frame.summary.frame > 1):
-        true = experiment.pairs[item.frame // 2].seen[-1].gradient
+        true = experiment.pairs[item.frame // 2].observed[-1].gradient
         truth = (true[0, 0], true[1, 1], 0.5 * (true[0, 1] + true[1, 0]))
         wrong.append([getattr(item.mean, name) - value for name, value in zip(COMPONENTS, truth, strict=True)])
         stated.append([getattr(item.mean_sigma, name) for name in COMPONENTS])

@@ -1,4 +1,4 @@
-"""How long a command takes to begin: processor time of the whole process, best of several, beside Python's own.
+"""How long a command takes to begin: processor time of the complete process, best of several, compared with Python's own.
 
     python tests/benchmarks/bench_startup.py [--runs 7]
 

@@ -2,8 +2,8 @@
 
     python tests/benchmarks/bench_stop.py [--runs 100] [--workers 2] [--write FILE.json]
 
-The daemon's link thread and its Modbus TCP driver poll a load frame at 20 Hz (the daemon's own period), beside `--workers` processes
-that correlate frames of the paper's size (1024 x 884 px) without a pause. The frame is a process of its own: it begins to tell a force
+The daemon's link thread and its Modbus TCP driver poll a load frame at 20 Hz (the daemon's own period), next to `--workers` processes
+that correlate frames of the paper's size (1024 x 884 px) without a pause. The frame is a process of its own: it begins to report a force
 beyond the limit at a random instant, and notes when that reading left and when the next stop arrived, by one clock. Prints one JSON object:
 median, 99 % and worst in ms from the reading, and from the violation itself (which adds up to one polling period).
 """

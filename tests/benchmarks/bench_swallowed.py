@@ -1,10 +1,10 @@
-"""A global drift model fails, a local one works, and neither says why: the effect that the local one swallows is named.
+"""A global drift model fails, a local one fits, and neither gives the reason: the effect that the local one absorbs is named.
 
     python tests/benchmarks/bench_swallowed.py [--effect magnification_drift] [--peak-px 0.4] [--seed 701]
 
 Sutton et al. (2007) report that one drift for all positions does not fit their pairs, and that a B-spline in time at every position
 does. Here an effect of the simulator that is no drift is hidden in an experiment at displacement level, and the same is seen: the
-squares of what each model leaves between the two frames of a pair, in smooth shapes and in units of the noise, are 1 where it fits.
+squares of the residual of each model between the two frames of a pair, in smooth shapes and in units of the noise, are 1 where it fits.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Swallowed:
     """What two models of drift leave of one experiment.
 
     Attributes:
-        global_misfit: mean square of what one drift for all positions leaves between the frames of a pair; 1 is noise.
+        global_misfit: mean square residual of one drift for all positions between the frames of a pair; 1 is noise.
         local_misfit: the same of a drift of its own at every position.
         between_px: root mean square of what the local model has and the global one has not, px.
     """
@@ -56,17 +56,17 @@ def experiment(name: str, peak_px: float, conditions: Conditions, grid: Grid = G
     return observed(conditions, hidden_effect(name, peak_px, conditions.seed), grid)
 
 
-def swallowed(seen: Observation) -> Swallowed:
+def absorbed(observation: Observation) -> Swallowed:
     """Fit both."""
-    bare = noise_scaled_baseline(seen)
-    whole = _between(bare.design.whiten(seen.disparity_px))
-    left = _between(bare.residual())
+    baseline = noise_scaled_baseline(observation)
+    whole = _between(baseline.design.whiten(observation.disparity_px))
+    residual = _between(baseline.residual())
     local = _local(whole)
-    shapes = _smooth(bare)
-    difference_px = _px(bare, local - (whole - left))
+    shapes = _smooth(baseline)
+    difference_px = _px(baseline, local - (whole - residual))
     between_px = float(np.sqrt(np.mean((shapes @ (np.linalg.pinv(shapes) @ difference_px)) ** 2)))
     spared = 1.0 - COEFFICIENTS / len(whole)
-    return Swallowed(_misfit(bare, left), _misfit(bare, whole - local) / spared, between_px)
+    return Swallowed(_misfit(baseline, residual), _misfit(baseline, whole - local) / spared, between_px)
 
 
 def _between(white: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -83,29 +83,29 @@ def _local(whole: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(basis @ np.linalg.lstsq(basis, flat, rcond=None)[0]).reshape(whole.shape)
 
 
-def _smooth(bare: HyperparameterGrid) -> NDArray[np.float64]:
+def _smooth(baseline: HyperparameterGrid) -> NDArray[np.float64]:
     """(b, m) smooth shapes, all but a shift."""
-    return modes(bare.design.observation.geometry).mean(axis=0)[:, 1:]
+    return modes(baseline.design.observation.geometry).mean(axis=0)[:, 1:]
 
 
-def _misfit(bare: HyperparameterGrid, left: NDArray[np.float64]) -> float:
-    white = bare.design.whiten.inverse @ _smooth(bare)
+def _misfit(baseline: HyperparameterGrid, residual: NDArray[np.float64]) -> float:
+    white = baseline.design.whiten.inverse @ _smooth(baseline)
     basis = np.linalg.qr(white)[0]
-    return float(np.mean((basis.T @ left) ** 2))
+    return float(np.mean((basis.T @ residual) ** 2))
 
 
-def _px(bare: HyperparameterGrid, white: NDArray[np.float64]) -> NDArray[np.float64]:
-    return bare.design.whiten.factor @ white * bare.design.whiten.sigma_px * np.sqrt(2.0)
+def _px(baseline: HyperparameterGrid, white: NDArray[np.float64]) -> NDArray[np.float64]:
+    return baseline.design.whiten.factor @ white * baseline.design.whiten.sigma_px * np.sqrt(2.0)
 
 
-def told(name: str, one: Swallowed, found: Diagnosis) -> str:
+def summary(name: str, one: Swallowed, found: Diagnosis) -> str:
     """A few lines."""
     names = ", ".join(effect.name for effect in found.effects) or "nothing"
     gap = "" if found.gap is None else f", {100 * found.gap.closure:.0f} % of the gap on held-out pairs closed"
     return (
         f"hidden: {name}\n"
-        f"one drift for all positions leaves {one.global_misfit:.2f} times the noise between the frames of a pair\n"
-        f"a spline at every position leaves {one.local_misfit:.2f} times the noise; {one.between_px:.4f} px rms of it are no drift\n"
+        f"residual of one drift for all positions between the frames of a pair: {one.global_misfit:.2f} times the noise\n"
+        f"residual of a spline at every position: {one.local_misfit:.2f} times the noise; {one.between_px:.4f} px rms of it are no drift\n"
         f"diagnosis: {found.outcome.value} {names}{gap}\n"
     )
 
@@ -117,8 +117,8 @@ def main() -> None:
     parser.add_argument("--peak-px", type=float, default=0.4)
     parser.add_argument("--seed", type=int, default=701)
     requests = parser.parse_args()
-    seen = experiment(requests.effect, requests.peak_px, Conditions(requests.seed))
-    sys.stdout.write(told(requests.effect, swallowed(seen), diagnose(seen)))
+    observation = experiment(requests.effect, requests.peak_px, Conditions(requests.seed))
+    sys.stdout.write(summary(requests.effect, absorbed(observation), diagnose(observation)))
 
 
 if __name__ == "__main__":

@@ -2,12 +2,11 @@
 
     sudo python tests/benchmarks/bench_systemd.py [--root FOLDER] [--keep]
 
-Needs root, systemd-nspawn, mmdebstrap and about four minutes; nothing outside the folder is touched. What is done in it is what
-docs/how-to/deploy.md says, its lines taken from the page:
-
-- a service starts, counts as started when devices answer, and says so to `systemctl status`; the sandbox is that of the unit;
+Needs root, systemd-nspawn, mmdebstrap and about four minutes; nothing outside the folder is touched. It follows
+docs/how-to/deploy.md; its commands are taken from the page:
+- a service starts, counts as started when devices answer, and reports it to `systemctl status`; the sandbox is that of the unit;
 - `systemctl stop` stops the frame, finishes the log and ends in order;
-- a daemon whose loop hangs (it is sent SIGSTOP) is killed by the watchdog, the load frame stops by its own, and the run is taken up again.
+- a daemon whose loop hangs (it is sent SIGSTOP) is killed by the watchdog, the load frame stops by its own, and the run is resumed.
 
 Exits with 1 where one of these does not hold.
 """
@@ -71,7 +70,7 @@ class Machine:
         return done.stdout.strip()
 
     def unit(self, name: str) -> dict[str, str]:
-        """What systemd says of a unit."""
+        """Properties of a unit reported by systemd."""
         required = "ActiveState,SubState,Result,StatusText,MainPID,WatchdogUSec,ExecMainStatus,ExecMainCode"
         return dict(line.split("=", 1) for line in self.run("systemctl", "show", "-p", required, name).splitlines())
 
@@ -87,7 +86,7 @@ class Machine:
 
 
 def made(root: Path) -> None:
-    """A Debian with semlive from its wheel, and what docs/how-to/deploy.md says of systemd."""
+    """A Debian with semlive from its wheel, set up for systemd by docs/how-to/deploy.md."""
     if not (root / "bin").exists():
         subprocess.run(["mmdebstrap", "--quiet", "--variant=minbase", f"--include={PACKAGES}", "bookworm", str(root)], check=True)
     if (root / "opt" / "semlive").exists():
@@ -144,7 +143,7 @@ def deployed(machine: Machine, config: dict[str, Any], name: str) -> None:
 
 
 def main() -> int:
-    """Boot, deploy, run, stop, hang; say what came of it."""
+    """Boot, deploy, run, stop, hang; report the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--root", type=Path, help="folder of the Debian, made if it is not there; without it one that goes at the end")
     arguments = parser.parse_args()
@@ -187,21 +186,21 @@ class Trial:
         machine.run("systemctl", "start", unit)
         reported = machine.unit(unit)
         ready = reported["ActiveState"] == "active"
-        self._tell(f"started and ready in {time.monotonic() - began_s:.0f} s: {reported['ActiveState']}, {reported['StatusText']}", ready)
+        self._report(f"started and ready in {time.monotonic() - began_s:.0f} s: {reported['ActiveState']}, {reported['StatusText']}", ready)
         exposure = machine.run("systemd-analyze", "security", "--no-pager", unit, check=False).splitlines()[-1]
-        self._tell(exposure.strip(" →"), float(exposure.split(": ")[1].split()[0]) <= 2.5)
+        self._report(exposure.strip(" →"), float(exposure.split(": ")[1].split()[0]) <= 2.5)
         machine.until(lambda: "2 pairs analysed" in self._journal(unit), "two pairs")
-        self._tell("the live page's address is in the journal", "live page: http://127.0.0.1:8765/#token=" in self._journal(unit))
+        self._report("the live page's address is in the journal", "live page: http://127.0.0.1:8765/#token=" in self._journal(unit))
         stored = sum(1 for _ in (machine.root / "var" / "cache" / "semlive").rglob("*.nbi"))
-        self._tell(f"{stored} compiled functions are kept in /var/cache/semlive", stored > 0)
+        self._report(f"{stored} compiled functions are kept in /var/cache/semlive", stored > 0)
         began_s = time.monotonic()
         machine.run("systemctl", "stop", unit)
         took_s, log = time.monotonic() - began_s, list((machine.root / "var" / "lib" / "semlive" / "runs" / RUN).glob("*.mcap"))
-        self._tell(f"stopped in {took_s:.0f} s, its log is finished", len(log) == 1)
-        self._tell("it says that it did not complete", machine.unit(unit)["ExecMainStatus"] == "1")
+        self._report(f"stopped in {took_s:.0f} s, its log is finished", len(log) == 1)
+        self._report("the unit reports that it did not complete", machine.unit(unit)["ExecMainStatus"] == "1")
 
     def hung(self) -> None:
-        """A loop that hangs: the watchdog's word, the load frame's own, and the run taken up again."""
+        """A loop that hangs: the report of the watchdog, that of the load frame, and the resumed run."""
         machine, name = self._machine, "hung-01"
         unit = f"semlive@{name}.service"
         deployed(machine, self._config(name), name)
@@ -213,20 +212,20 @@ class Trial:
         machine.until(lambda: "2 pairs analysed" in self._journal(unit), "two pairs")
         time.sleep(2.5 * WATCHDOG_S)
         alive = machine.unit(unit)["ActiveState"] == "active"
-        self._tell(f"it lives, with a watchdog of {WATCHDOG_S} s", alive)
+        self._report(f"it lives, with a watchdog of {WATCHDOG_S} s", alive)
         began_s = time.monotonic()
         machine.run("systemctl", "kill", "--kill-whom=main", "--signal=STOP", unit)
         machine.until(lambda: machine.unit(unit)["ActiveState"] not in ("active", "deactivating"), "the watchdog")
         took_s, result = time.monotonic() - began_s, machine.unit(unit)["Result"]
-        self._tell(f"a daemon that hangs was ended after {took_s:.0f} s: {result}", result == "watchdog")
+        self._report(f"a daemon that hangs was ended after {took_s:.0f} s: {result}", result == "watchdog")
         with ModbusTcpClient(self._bench["host"], port=self._bench["port"], timeout=2) as line:
             status, why = (line.read_input_registers(at, count=1, device_id=self._bench["unit"]).registers[0] for at in (3, 300))
-        self._tell(f"the load frame says {status} (2: fault), because of {why} (2: its watchdog)", (status, why) == (2, 2))
+        self._report(f"the load frame reports {status} (2: fault), because of {why} (2: its watchdog)", (status, why) == (2, 2))
         for line in lines("echo OPTIONS=--resume"):
             machine.run("sh", "-c", line.replace(RUN, name))
         asks = machine.unit(unit)["ActiveState"] == "active"
         machine.until(lambda: "recover" in self._journal(unit), "the question")
-        self._tell("taken up again: it asks before it goes on", asks)
+        self._report("resumed: it asks before it continues", asks)
         machine.run("systemctl", "stop", unit)
 
     def _config(self, name: str) -> dict[str, Any]:
@@ -238,7 +237,7 @@ class Trial:
     def _journal(self, unit: str) -> str:
         return self._machine.run("journalctl", "--no-pager", "-u", unit)
 
-    def _tell(self, what: str, holds: bool) -> None:
+    def _report(self, what: str, holds: bool) -> None:
         self.failed += not holds
         sys.stdout.write(f"{'ok ' if holds else 'BAD'} {what}\n")
         sys.stdout.flush()

@@ -1,12 +1,12 @@
-"""What two runs tell of which the second's scan was turned: the scan's axes and ramps, or the column's lens.
+"""Comparison of two runs of which the second's scan was turned: the scan's axes and ramps, or the column's lens.
 
     python tests/benchmarks/bench_turned.py --seeds 40 --nulls 300 --folder turned [--shard 1/2] [--seconds 3000]
     python tests/benchmarks/bench_turned.py ... --folder turned --score [--write]
 
 The calibration that `semlive experiment propose --kind turned_scan` asks for, and the same with the scan turned by 90 degrees (give or
 take 0.3): another drift, other stage errors of 0.3 px, a backlash of 0.64 px, other noise (0.02 px, shared over subsets, 1 % of the points
-missing, 0.1 % wrong); effects are the simulators' own, at displacement level. The distortion stays with the column unless the case says
-otherwise. A run that was broken off goes on where it stopped; shards write into one folder.
+missing, 0.1 % wrong); effects are the simulators' own, at displacement level. The distortion stays with the column unless the case states
+otherwise. An interrupted run continues where it stopped; shards write into one folder.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.scan_deflection import ScanNonlinearity
 from semlive_simulators.effects.specimen_motion import StageBacklash
 
-SEEN = Grid(200, 200, 24, 26, 21, 43)
+MAP_GRID = Grid(200, 200, 24, 26, 21, 43)
 """What moves of 150 px and 20 px of drift leave in view."""
 MOVES_PX = tuple((x, y) for x, y in square_px(SQUARE_HALF_WIDTH_PX))
 BACKLASH = StageBacklash(0.4)
@@ -55,7 +55,7 @@ class Kind:
         names: that are right.
         of_axes: x_excess and skew.
         of_ramps: share of the simulators' defaults at x200.
-        with_scan: whether the whole distortion is the scan's.
+        with_scan: whether the complete distortion is the scan's.
         another: whether the second run has another distortion.
         small: whether moves are those of the published calibration, at most 32 px, of 15 pairs.
     """
@@ -149,7 +149,7 @@ class Hidden:
     def verdict(self) -> dict[str, Any]:
         """Of both runs."""
         begin = time.process_time()
-        runs = [noise_scaled_baseline(observed(one, self.effects(), SEEN)) for one in self.conditions()]
+        runs = [noise_scaled_baseline(observed(one, self.effects(), MAP_GRID)) for one in self.conditions()]
         made_s = time.process_time()
         found = compare_runs(runs)
         took_s = time.process_time() - made_s
@@ -173,7 +173,7 @@ class Hidden:
 
 
 def cases(seeds: int, nulls: int) -> Iterator[Hidden]:
-    """In an order in which each part of the list says something of all."""
+    """In an order in which each part of the list holds cases of every kind."""
     for seed in range(max(seeds, 1)):
         yield from (Hidden(kind, FIRST_SEED + seed) for kind in KINDS if kind != "nothing" and seed < seeds)
         each = -(-nulls // max(seeds, 1))

@@ -4,7 +4,7 @@
     python tests/benchmarks/bench_watch.py --latency 200 --write
 
 The campaign: real files in real folders under a clock that is moved by hand: one folder of FEI, Zeiss, TESCAN and plain files, one of
-JEOL and one of Hitachi files with their texts beside them, each with files from before the run. A pattern is a generator that does to its
+JEOL and one of Hitachi files with their texts next to them, each with files from before the run. A pattern is a generator that does to its
 file what a microscope, a share or a hand does, a step a second, and gives what the watch must make of it. One JSON line is printed; the
 code is 1 if any verdict is wrong, missing or given twice.
 
@@ -36,10 +36,10 @@ ROBUSTNESS = Path(__file__).parents[2] / "docs" / "validation" / "robustness.md"
 def play(scene: Scene, patterns: tuple[Callable[[Scene], Steps], ...], files: int, at_once: int) -> float:
     """Drop so many files, some each second, while the share goes away now and then; gives the processor time of the watch, s."""
     running: list[Steps] = []
-    spent_s, second, quiet_until = 0.0, 0, 0
-    while len(scene.expected) < files or running or second < quiet_until:
+    spent_s, second, end_second = 0.0, 0, 0
+    while len(scene.expected) < files or running or second < end_second:
         if len(scene.expected) < files:
-            quiet_until = second + SIDECAR_S + 2 * GIVE_UP_S
+            end_second = second + SIDECAR_S + 2 * GIVE_UP_S
             running += [patterns[int(scene.rng.integers(len(patterns)))](scene) for _ in range(at_once)]
         running = [one for one in running if next(one, running) is None]
         away = second % 97 == 50
@@ -56,8 +56,8 @@ def play(scene: Scene, patterns: tuple[Callable[[Scene], Steps], ...], files: in
 
 
 def measure(files: int, seed: int, folder: Path, at_once: int = 15) -> dict[str, object]:
-    """The whole campaign: so many files over all scenes, and as many from before the run in the first."""
-    told: dict[str, object] = {"files": 0, "seed": seed}
+    """The complete campaign: so many files over all scenes, and as many from before the run in the first."""
+    figures: dict[str, object] = {"files": 0, "seed": seed}
     counts: Counter[str] = Counter()
     wrong: list[str] = []
     spent_s, taken, refused = 0.0, 0, 0
@@ -72,8 +72,8 @@ def measure(files: int, seed: int, folder: Path, at_once: int = 15) -> dict[str,
         wrong += wrong_verdicts(scene)
         counts.update(one.pattern for one in scene.expected.values())
         taken, refused = taken + len(scene.files), refused + len(scene.refused)
-    told |= {"files": counts.total(), "taken": taken, "refused": refused, "wrong": len(wrong), "first_wrong": wrong[:5]}
-    return told | {"by_pattern": dict(sorted(counts.items())), "processor_ms_per_file": round(1e3 * spent_s / counts.total(), 2)}
+    figures |= {"files": counts.total(), "taken": taken, "refused": refused, "wrong": len(wrong), "first_wrong": wrong[:5]}
+    return figures | {"by_pattern": dict(sorted(counts.items())), "processor_ms_per_file": round(1e3 * spent_s / counts.total(), 2)}
 
 
 def main() -> int:

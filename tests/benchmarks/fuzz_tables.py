@@ -1,6 +1,6 @@
 """Random text tables under random conventions: each is read right, or the table is refused.
 
-Two judges decide what is right: the writer of the table knows every number, and a slow reader that shares no code with
+Two judges decide what is right: the writer of the table has every number, and a slow reader that shares no code with
 semlive (`table_oracle`) lists all readings of the bytes under any convention. Every fourth table is a disparity map with the names of a DIC
 program, which takes the fast path of the import.
 
@@ -65,7 +65,7 @@ class Written:
 
     data: bytes
     style: Style
-    wanted: tuple[str | int, ...]
+    selected: tuple[str | int, ...]
     truth: dict[int, tuple[float | None, ...] | None]
     """By the number of the line; None for a line that lost or gained a cell."""
 
@@ -124,7 +124,7 @@ def written(seed: int) -> Written:
     blanks = not style.separator.strip(" ")
     count, lines_count = rng.randint(1, 6), rng.choice((1, 2, 3, 8, 30))
     if count == 1 or style.head == "none":
-        style = replace(style, torn=0.0)  # the first line alone says how many cells there are
+        style = replace(style, torn=0.0)  # the first line alone determines how many cells there are
     if style.separator.strip() == style.decimal and style.quotes == "none":
         style = replace(style, torn=0.0)  # a lost cell and a decimal comma make up for each other
     if style.torn:
@@ -152,11 +152,11 @@ def written(seed: int) -> Written:
             cells = cells[: rng.randrange(len(cells))] if rng.random() < 0.5 else [*cells, cells[0]]
         rows.append(style.separator.join(quoted(cell, style) for cell in cells) + (style.separator if style.trailing else ""))
         truth.append(None if torn else tuple(values))
-    wanted: tuple[str | int, ...]
+    selected: tuple[str | int, ...]
     chosen = sorted(rng.sample(range(count), rng.randint(1, min(2, count))))
     by_number = rng.random() < 0.3 or style.head == "none"
     shift = [place + (text_at is not None and place >= text_at) for place in chosen]
-    wanted = tuple(place + 1 for place in shift) if by_number else tuple(names[place] for place in chosen)
+    selected = tuple(place + 1 for place in shift) if by_number else tuple(names[place] for place in chosen)
     head = _head(names, units, text_at, style, rng)
     text = style.end.join([*head, *rows]) + style.end
     meant = {
@@ -164,7 +164,7 @@ def written(seed: int) -> Written:
         for number, (line, row) in enumerate(zip(rows, truth, strict=True), len(head) + 1)
         if line.strip(" \t;,")
     }
-    return Written(text.encode(style.encoding), style, wanted, meant)
+    return Written(text.encode(style.encoding), style, selected, meant)
 
 
 def _head(names: Sequence[str], units: Sequence[str], text_at: int | None, style: Style, rng: random.Random) -> list[str]:
@@ -192,7 +192,7 @@ def values_read(table: Written, head_lines: int | None = None) -> dict[int, tupl
 
     Args:
         table: the table.
-        head_lines: the layout is decided from so many lines, as of a file that grows; None: from the whole file.
+        head_lines: the layout is decided from so many lines, as of a file that grows; None: from the complete file.
 
     Raises:
         BadInput: it refuses the table.
@@ -200,24 +200,24 @@ def values_read(table: Written, head_lines: int | None = None) -> dict[int, tupl
 
     def places(columns: tuple[Column, ...]) -> tuple[int, ...]:
         found = []
-        for wanted in table.wanted:
-            if isinstance(wanted, int):
-                if wanted > len(columns):
+        for column in table.selected:
+            if isinstance(column, int):
+                if column > len(columns):
                     raise BadInput("{head}: too few columns.")
-                found.append(wanted - 1)
+                found.append(column - 1)
                 continue
-            alike = [place for place, one in enumerate(columns) if key_of(wanted) in (one.key, key_of(one.raw))]
-            if len(alike) != 1:
+            matching = [place for place, one in enumerate(columns) if key_of(column) in (one.key, key_of(one.raw))]
+            if len(matching) != 1:
                 raise BadInput("{head}: no such column.")
-            found.append(alike[0])
+            found.append(matching[0])
         return tuple(found)
 
     lines = lines_of(text_of(table.data, "table"))[:-1]
-    known = len(lines) if head_lines is None else head_lines
-    layout = layout_of(lines[:known], "table", places, Convention(), 200)
-    while known < len(lines) and all(is_blank(line) for line in lines[layout.first_line - 1 : known]):
-        known += 1  # as long as there is no line of numbers, nothing is decided
-        layout = layout_of(lines[:known], "table", places, Convention(), 200)
+    lines_read = len(lines) if head_lines is None else head_lines
+    layout = layout_of(lines[:lines_read], "table", places, Convention(), 200)
+    while lines_read < len(lines) and all(is_blank(line) for line in lines[layout.first_line - 1 : lines_read]):
+        lines_read += 1  # as long as there is no line of numbers, nothing is decided
+        layout = layout_of(lines[:lines_read], "table", places, Convention(), 200)
     read: dict[int, tuple[float | None, ...]] = {}
     for number, line in enumerate(lines[layout.first_line - 1 :], layout.first_line):
         if is_blank(line):
@@ -267,13 +267,15 @@ def is_plain(table: Written) -> bool:
         and not style.text_column
         and not style.trailing
         and len(table.truth) >= 8
-        and all(isinstance(one, str) for one in table.wanted)
+        and all(isinstance(one, str) for one in table.selected)
     )
 
 
 def agrees_with_oracle(table: Written, read: dict[int, tuple[float | None, ...]]) -> bool:
     """Whether a reading is one of those that the slow reader finds; a table without lines of numbers has none."""
-    return not read or any({line: row for line, row in possible if line in read} == read for possible in readings(table.data, table.wanted))
+    return not read or any(
+        {line: row for line, row in possible if line in read} == read for possible in readings(table.data, table.selected)
+    )
 
 
 MAP_NAMES = {
@@ -289,7 +291,7 @@ MAP_NAMES = {
 
 
 def written_map(seed: int) -> Written:
-    """Return a disparity map of its own for each seed, with `wanted` x, y, u and v."""
+    """Return a disparity map of its own for each seed, with `selected` x, y, u and v."""
     rng = random.Random(seed)
     style = replace(a_style(rng), units="none", text_column=False, trailing=False)
     program = rng.choice(tuple(MAP_NAMES))
@@ -386,7 +388,7 @@ class Campaign:
                 self.plain[found] += 1
             if found not in ("right", "refused"):
                 begin = list(table.truth.items())[:3]
-                shown = f"seed {seed}: {found}: {table.style}\n{table.data[:400]!r}\nwanted {table.wanted}, truth {begin}"
+                shown = f"seed {seed}: {found}: {table.style}\n{table.data[:400]!r}\nselected {table.selected}, truth {begin}"
                 sys.stdout.write(f"{shown}\n")
         self.next = until
         self.seconds += time.process_time() - began_s
@@ -411,7 +413,7 @@ tables under random conventions (separator, decimal sign, thousands, quotes, uni
 lines with a missing or additional cell, lines above the names) and reads them with the reader of the load file, the csv
 parts, imported maps and `frames.csv`.
 
-Two judges decide what is right. The writer of a table knows every number. A slow reader that shares no code with
+Two judges decide what is right. The writer of a table has every number. A slow reader that shares no code with
 semlive lists every reading of the bytes under any convention, and an accepted reading must be one of them. A table with
 two readings may be refused.
 

@@ -1,6 +1,6 @@
 """Pairs of frames that lead a correlation astray, with what is true of each pixel.
 
-A stranger to the engine: a smooth random texture is drawn at positions known exactly, then things are put in front of it. The
+Independent of the engine: a smooth random texture is drawn at positions known exactly, then things are put in front of it. The
 interpolation of the texture (cubic, speckle of 6.7 px) is good to 0.02 px, far below the errors that are looked for here.
 """
 
@@ -190,7 +190,7 @@ def blank_on_specimen(rng: np.random.Generator, noise: float) -> Scene:
 
 
 def repeating(rng: np.random.Generator, noise: float) -> Scene:
-    """A tile repeated over the whole frame, or over a part of it."""
+    """A tile repeated over the complete frame, or over a part of it."""
     base = texture(rng)
     periods = rng.integers(17, 110, 2)
     tile = texture(rng, int(periods[0]), int(periods[1]))

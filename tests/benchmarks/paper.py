@@ -1,9 +1,9 @@
 """The paper's experiments side by side with its figures: ``python tests/benchmarks/paper.py --scenario paper_x200 --out DIR``.
 
-Runs the experiment whole through the daemon (or takes a run folder that is already in DIR), compares it with truth and with the
+Runs the complete experiment through the daemon (or takes a run folder that is already in DIR), compares it with truth and with the
 paper, prints the table, and writes it with its figure into docs/validation/. About 4 minutes on two cores at x200.
-``--seeds 2 3`` plays it again with other seeds and writes what they say, beside the scenario's own, into a table of its own.
-``--quick`` plays few pairs and leaves the docs as they are. A daemon's first start compiles for up to 80 s, which at rate 40 are 53
+``--seeds 2 3`` plays it again with other seeds and writes their results, next to the scenario's own, into a separate table.
+``--quick`` plays few pairs and does not change the docs. A daemon's first start compiles for up to 80 s, which at rate 40 are 53
 minutes in which the drift comes to rest (5.3 px across the first image were 1 px): play a short demo first.
 """
 
@@ -48,7 +48,7 @@ def run_demo(scenario: str, folder: Path, rate: float, *, quick: bool, seed: int
 
 
 def section(figures: RunFigures, paper: PaperFigures, scenario: str) -> str:
-    """What stands between a scenario's markers."""
+    """The text between a scenario's markers."""
     printed = f"{figures.frames} frames, {figures.points} points in each. The gauge is (points - 1) × step + subset."
     return "\n\n".join(
         (
@@ -62,7 +62,7 @@ def section(figures: RunFigures, paper: PaperFigures, scenario: str) -> str:
 
 
 def write_between(text: str, part: str, new: str) -> str:
-    """The document with what stands between a part's markers replaced.
+    """The document with the text between a part's markers replaced.
 
     Raises:
         BadInput: its markers are missing.

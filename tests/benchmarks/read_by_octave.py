@@ -45,7 +45,7 @@ def octave(script: str, folder: Path) -> str:
 
 
 def as_ncorr(one: DisparityMap, path: Path) -> None:
-    """A map as Ncorr saves it: fields over the whole image at every (spacing + 1)-th pixel from (0, 0), in units of length."""
+    """A map as Ncorr saves it: fields over the complete image at every (spacing + 1)-th pixel from (0, 0), in units of length."""
     grid = one.grid
     ny, nx = (grid.y0_px + grid.step_px * grid.ny) // grid.step_px, (grid.x0_px + grid.step_px * grid.nx) // grid.step_px
     u, v, mask = np.zeros((ny, nx)), np.zeros((ny, nx)), np.zeros((ny, nx), dtype=np.bool_)
@@ -86,16 +86,16 @@ def run(*arguments: str) -> str:
 
 def export_opens(log: Path, folder: Path) -> None:
     """Load the export there and compare a field; what Octave reads of HDF5 has no variable-length texts, so .mat is for it."""
-    known = semlive.open_log(log)
-    last = len(known.frames) - 1
+    log_data = semlive.open_log(log)
+    last = len(log_data.frames) - 1
     run("export", str(log), "--format", "mat", "-o", str(folder / "out.mat"))
     octave(f"load('out.mat'); e = frame_{last:05d}.eyy; save('-v7', 'back.mat', 'e');", folder)
-    np.testing.assert_array_equal(scipy.io.loadmat(folder / "back.mat")["e"], known.frames[last].eyy)
-    sys.stdout.write(f"frame_{last:05d}.eyy of {known.frames[last].eyy.size} points is the same\n")
+    np.testing.assert_array_equal(scipy.io.loadmat(folder / "back.mat")["e"], log_data.frames[last].eyy)
+    sys.stdout.write(f"frame_{last:05d}.eyy of {log_data.frames[last].eyy.size} points is the same\n")
 
 
 def main() -> None:
-    """Run all, say what was the same."""
+    """Run all, report which were the same."""
     grid = Grid(100, 100, STEP_PX, 30, 24, 0)
     experiment = make_experiment(CASES["tension"], 5, grid, calibration_pairs=4)
     with tempfile.TemporaryDirectory(prefix="semlive-octave-") as name:

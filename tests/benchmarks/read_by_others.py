@@ -131,7 +131,7 @@ def check_layout(newest: dict[str, dict[str, Any]], topics: set[str]) -> int:
 
 
 def node_modules() -> Path | None:
-    """Where @mcap/core is installed, None if nobody said, or there is no node."""
+    """Where @mcap/core is installed, None if not given, or there is no node."""
     named = os.environ.get("SEMLIVE_NODE_MODULES")
     return Path(named) if named and shutil.which("node") else None
 
@@ -155,7 +155,7 @@ def main() -> None:
     parser.add_argument("--node-modules", type=Path, default=node_modules())
     arguments = parser.parse_args()
     newest, counted = check_messages(arguments.log), counts(arguments.log)
-    sys.stdout.write(f"{sum(counted.values())} messages of {len(counted)} topics: schemas, payloads and pictures are what they say\n")
+    sys.stdout.write(f"{sum(counted.values())} messages of {len(counted)} topics: schemas, payloads and pictures agree\n")
     sys.stdout.write(f"{check_layout(newest, set(counted))} paths of the layout lead to values\n")
     if arguments.node_modules is not None:
         read = by_node(arguments.log, arguments.node_modules)

@@ -11,7 +11,7 @@ from fractions import Fraction
 
 Row = tuple[float | None, ...]
 Reading = tuple[tuple[int, Row], ...]
-"""Line number, from 1, and wanted values of each line of numbers; None for a lost value."""
+"""Line number, from 1, and selected values of each line of numbers; None for a lost value."""
 
 SEPARATORS = ("\t", ";", ",", " ")
 CONVENTIONS = tuple((decimal, thousands) for decimal in ".," for thousands in ("", "'", " ", ".", ",") if thousands != decimal)
@@ -77,12 +77,12 @@ def value_of(cell: str, decimal: str, thousands: str) -> tuple[bool, float | Non
     return True, float(number)
 
 
-def readings(data: bytes, wanted: Sequence[str | int], head_lines: int = MAX_HEAD_LINES) -> set[Reading]:
-    """Return every reading of a table: all conventions under which every line has the same number of cells and the wanted are values.
+def readings(data: bytes, selected: Sequence[str | int], head_lines: int = MAX_HEAD_LINES) -> set[Reading]:
+    """Return every reading of a table: all conventions under which every line has the same number of cells and the selected are values.
 
     Args:
         data: the file.
-        wanted: names of columns, or numbers from 1.
+        selected: names of columns, or numbers from 1.
         head_lines: number of first lines that may be the line of names.
     """
     text = decoded(data)
@@ -95,7 +95,7 @@ def readings(data: bytes, wanted: Sequence[str | int], head_lines: int = MAX_HEA
             for line in lines
         ]
         for start in range(-1, min(head_lines, len(lines))):
-            for places, width in _heads(lines, split, start, wanted):
+            for places, width in _heads(lines, split, start, selected):
                 for decimal, thousands in conventions:
                     if thousands == separator or (decimal == separator and '"' not in text):
                         continue
@@ -107,27 +107,27 @@ def readings(data: bytes, wanted: Sequence[str | int], head_lines: int = MAX_HEA
 
 
 def _heads(
-    lines: Sequence[str], split: Sequence[list[str] | None], start: int, wanted: Sequence[str | int]
+    lines: Sequence[str], split: Sequence[list[str] | None], start: int, selected: Sequence[str | int]
 ) -> Iterator[tuple[tuple[int, ...], int]]:
-    """Yield the places of the wanted columns and the number of names, if a line may be that of the names."""
+    """Yield the places of the selected columns and the number of names, if a line may be that of the names."""
     if start < 0:
-        if all(isinstance(name, int) for name in wanted):
-            yield tuple(int(name) - 1 for name in wanted), 0
+        if all(isinstance(name, int) for name in selected):
+            yield tuple(int(name) - 1 for name in selected), 0
         return
     names = split[start]
     if names is None:
         return
-    bare = [
+    unbracketed = [
         name
         for place, name in enumerate(names)
         if name[:1] not in ("(", "[", "/") and not (place and (names[place - 1] == "/" or names[place - 1][-1:] == ","))
     ]
-    if all(isinstance(name, int) for name in wanted):
-        yield from ((tuple(int(name) - 1 for name in wanted), width) for width in {len(names), len(bare)})
+    if all(isinstance(name, int) for name in selected):
+        yield from ((tuple(int(name) - 1 for name in selected), width) for width in {len(names), len(unbracketed)})
         return
     keys = [_key(name) for name in names]
-    for candidates in (keys, [_key(name) for name in bare]):
-        at = [[place for place, key in enumerate(candidates) if key == _key(str(name))] for name in wanted]
+    for candidates in (keys, [_key(name) for name in unbracketed]):
+        at = [[place for place, key in enumerate(candidates) if key == _key(str(name))] for name in selected]
         if all(len(places) == 1 for places in at):
             yield tuple(places[0] for places in at), len(candidates)
 

@@ -77,7 +77,7 @@ def until(true: Callable[[], bool], timeout_s: float = 100.0) -> None:
         time.sleep(0.01)
 
 
-def test_every_line_reports_whole_steps_of_the_load_cell(tmp_path: Path, line: str) -> None:
+def test_every_line_reports_multiples_of_the_load_cell_resolution(tmp_path: Path, line: str) -> None:
     with served(tmp_path) as (tcp, serial, handle, machine):
         tcp.write_registers(0, [*f32(1201.0), *f32(100.0), 1, 1, 0, 0], device_id=UNIT)
         until(lambda: tcp.read_input_registers(3, count=1, device_id=UNIT).registers == [0])
@@ -107,7 +107,7 @@ def test_a_reading_is_the_nearest_step_and_none_by_default() -> None:
         assert stepped == 2.5 * round(exact / 2.5)
 
 
-def test_a_step_below_zero_is_refused_in_one_sentence(tmp_path: Path) -> None:
+def test_a_negative_resolution_is_refused_with_one_error_line(tmp_path: Path) -> None:
     (tmp_path / "coarse.yaml").write_text(COARSE.replace("2.5", "-1"))
     with pytest.raises(BadScenario, match=r"load_frame: .*cell_resolution_n must be at least 0"):
         load_scenario(str(tmp_path / "coarse.yaml"))

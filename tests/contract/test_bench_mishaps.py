@@ -84,7 +84,7 @@ def test_the_numbers_are_those_of_the_page() -> None:
         assert f"| {number} | `{mishap.value}` |" in page
 
 
-def test_a_pressed_emergency_stop_is_released_by_time_or_by_word(bench: Served) -> None:
+def test_a_pressed_emergency_stop_is_released_by_time_or_by_command(bench: Served) -> None:
     bench.go(2000.0)
     bench.order(MachineFault.EMERGENCY_STOP, hundredths=60_000)
     bench.until(lambda: bench.inputs(300, 1) == [4])
@@ -139,7 +139,7 @@ def test_a_stalled_stage_is_a_fault_until_its_next_order(bench: Served) -> None:
     assert bench.inputs(100, 1) == [1]  # for a second
 
 
-def test_frozen_readings_stand_still_with_their_counter_while_the_machine_goes_on(bench: Served) -> None:
+def test_frozen_readings_and_their_counter_do_not_change_while_the_machine_moves(bench: Served) -> None:
     bench.order(MachineFault.FROZEN_READINGS, hundredths=60_000)
     bench.until(lambda: bench.inputs(10, 2) == bench.inputs(10, 2))
     first, gage = bench.inputs(4, 8), bench.inputs(301, 4)

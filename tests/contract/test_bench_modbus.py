@@ -79,7 +79,7 @@ def bench(tmp_path: Path, mode: str) -> Iterator[Served]:
 
 
 @pytest.mark.parametrize("mode", ["continuous"], indirect=True)
-def test_the_whole_conversation_with_the_load_frame(bench: Served) -> None:
+def test_the_complete_protocol_with_the_load_frame(bench: Served) -> None:
     first = bench.inputs(0, 16)
     assert first[:4] == [0x5E31, 1, 3, 0]
     assert abs(read_f32(first[4:6])) < 6
@@ -105,7 +105,7 @@ def test_stop_acts_at_once_and_holds(bench: Served) -> None:
     bench.client.write_register(4, 2, device_id=1)
     assert bench.inputs(3, 1) == [0]
     held_n = bench.force_n()
-    assert 40 < held_n < 3800  # not where it was told to go, however late the word came
+    assert 40 < held_n < 3800  # not at its target, however late the command came
     time.sleep(0.05)
     assert abs(bench.force_n() - held_n) < 10
     assert read_f32(bench.inputs(8, 2)) == pytest.approx(held_n, abs=10)
@@ -132,7 +132,7 @@ def test_the_watchdog_counts_wall_time_and_is_fed_by_changes_only(bench: Served)
 
 
 @pytest.mark.parametrize("mode", ["continuous"], indirect=True)
-def test_the_stage_goes_near_where_it_is_told(bench: Served) -> None:
+def test_the_stage_moves_close_to_its_commanded_position(bench: Served) -> None:
     bench.client.write_registers(100, [*f32(1900.0), *f32(-10.0), 1, 2], device_id=1)
     assert bench.inputs(100, 1) == [1]  # for a second
     bench.client.write_registers(100, [*f32(40.0), *f32(-10.0), 1, 3], device_id=1)

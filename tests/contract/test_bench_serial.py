@@ -70,14 +70,14 @@ def opened(path: str) -> Iterator[int]:
     os.close(handle)
 
 
-QUIET_S = 0.15
+SILENCE_S = 0.15
 
 
-def heard(handle: int, said: bytes, within_s: float = 3.0) -> bytes:
-    """What comes back until it has been quiet for a while; the first byte may take as long as a busy computer needs."""
-    os.write(handle, said)
+def reply(handle: int, sent: bytes, within_s: float = 3.0) -> bytes:
+    """What comes back until the line has been silent for a while; the first byte may take as long as a busy computer needs."""
+    os.write(handle, sent)
     answer = b""
-    while select.select([handle], [], [], QUIET_S if answer else within_s)[0]:
+    while select.select([handle], [], [], SILENCE_S if answer else within_s)[0]:
         answer += os.read(handle, 4096)
     return answer
 
@@ -107,29 +107,29 @@ def test_the_check_bytes_are_those_of_the_specification() -> None:
 def test_bytes_on_the_line_and_silence_where_a_device_keeps_silent(lines: Lines) -> None:
     read = struct.pack(">BHH", 4, 0, 2)
     with opened(lines.rtu) as line:
-        assert heard(line, framed(UNIT, read)) == framed(UNIT, bytes([4, 4]) + struct.pack(">HH", 0x5E31, 1))
-        assert heard(line, framed(2, read), QUIET_S) == b""  # another unit
-        assert heard(line, framed(UNIT, read)[:-1] + b"\0", QUIET_S) == b""  # damaged
-        assert heard(line, b"\x01", QUIET_S) == b""
-        assert heard(line, framed(0, struct.pack(">BHH", 6, 5, 99)), QUIET_S) == b""  # a write to everybody
-        assert heard(line, framed(UNIT, struct.pack(">BHH", 3, 5, 1))) == framed(UNIT, bytes([3, 2, 0, 99]))
-        assert heard(line, framed(UNIT, struct.pack(">BHH", 1, 0, 1))) == framed(UNIT, bytes([0x81, 1]))
+        assert reply(line, framed(UNIT, read)) == framed(UNIT, bytes([4, 4]) + struct.pack(">HH", 0x5E31, 1))
+        assert reply(line, framed(2, read), SILENCE_S) == b""  # another unit
+        assert reply(line, framed(UNIT, read)[:-1] + b"\0", SILENCE_S) == b""  # damaged
+        assert reply(line, b"\x01", SILENCE_S) == b""
+        assert reply(line, framed(0, struct.pack(">BHH", 6, 5, 99)), SILENCE_S) == b""  # a write to everybody
+        assert reply(line, framed(UNIT, struct.pack(">BHH", 3, 5, 1))) == framed(UNIT, bytes([3, 2, 0, 99]))
+        assert reply(line, framed(UNIT, struct.pack(">BHH", 1, 0, 1))) == framed(UNIT, bytes([0x81, 1]))
 
 
 def test_the_stage_answers_as_a_second_device_too(lines: Lines) -> None:
     with opened(lines.rtu) as line:
-        assert heard(line, framed(STAGE_UNIT, struct.pack(">BHH", 4, 0, 2))) == framed(
+        assert reply(line, framed(STAGE_UNIT, struct.pack(">BHH", 4, 0, 2))) == framed(
             STAGE_UNIT, bytes([4, 4]) + struct.pack(">HH", 0x5E31, 1)
         )
-        assert heard(line, framed(STAGE_UNIT, struct.pack(">BHH", 4, 100, 1))) == framed(STAGE_UNIT, bytes([4, 2, 0, 0]))
-        assert heard(line, framed(STAGE_UNIT, struct.pack(">BHH", 4, 3, 2))) == framed(STAGE_UNIT, bytes([0x84, 2]))  # the load frame's
-        assert heard(line, framed(STAGE_UNIT, struct.pack(">BHH", 6, 4, 2))) == framed(STAGE_UNIT, bytes([0x86, 2]))
+        assert reply(line, framed(STAGE_UNIT, struct.pack(">BHH", 4, 100, 1))) == framed(STAGE_UNIT, bytes([4, 2, 0, 0]))
+        assert reply(line, framed(STAGE_UNIT, struct.pack(">BHH", 4, 3, 2))) == framed(STAGE_UNIT, bytes([0x84, 2]))  # the load frame's
+        assert reply(line, framed(STAGE_UNIT, struct.pack(">BHH", 6, 4, 2))) == framed(STAGE_UNIT, bytes([0x86, 2]))
 
 
 def test_an_answer_takes_the_time_of_its_bytes_at_19200_baud(lines: Lines) -> None:
     request = framed(UNIT, struct.pack(">BHH", 4, 0, 16))
     with opened(lines.rtu) as line:
-        heard(line, request)
+        reply(line, request)
         began = time.monotonic()
         os.write(line, request)
         select.select([line], [], [], 2.0)
@@ -139,47 +139,47 @@ def test_an_answer_takes_the_time_of_its_bytes_at_19200_baud(lines: Lines) -> No
 
 def test_a_stand_that_obeys_letters(lines: Lines) -> None:
     with opened(lines.serial) as line:
-        assert heard(line, b"p") == b"S M\r\n"
-        travel, force = heard(line, b"n").decode().splitlines()
+        assert reply(line, b"p") == b"S M\r\n"
+        travel, force = reply(line, b"n").decode().splitlines()
         assert travel.endswith(" mm")
         assert force.endswith(" N")
         assert abs(float(travel.split()[0])) < 0.002
-        assert heard(line, b"e0002.4a") == b"2.4 mm/min\r\n"
-        assert heard(line, b"e0000.2a") == b"0.5 mm/min\r\n"  # the slowest: a faster one is at its force limit before a busy computer looks
-        assert heard(line, b"u", 0.02) == b""
-        assert heard(line, b"p") == b"U M\r\n"
-        until(lambda: float(heard(line, b"n").split()[2]) > 300.0)
-        assert heard(line, b"s", 0.02) == b""
-        assert heard(line, b"p") == b"S M\r\n"
-        held = [float(word) for word in heard(line, b"n").split()[::2]]
-        later = [float(word) for word in heard(line, b"n").split()[::2]]
+        assert reply(line, b"e0002.4a") == b"2.4 mm/min\r\n"
+        assert reply(line, b"e0000.2a") == b"0.5 mm/min\r\n"  # the slowest: a faster one is at its force limit before a busy computer looks
+        assert reply(line, b"u", 0.02) == b""
+        assert reply(line, b"p") == b"U M\r\n"
+        until(lambda: float(reply(line, b"n").split()[2]) > 300.0)
+        assert reply(line, b"s", 0.02) == b""
+        assert reply(line, b"p") == b"S M\r\n"
+        held = [float(word) for word in reply(line, b"n").split()[::2]]
+        later = [float(word) for word in reply(line, b"n").split()[::2]]
         assert later[0] == pytest.approx(held[0], abs=0.002)
         assert later[1] == pytest.approx(held[1], abs=10)
         # Stiffness of specimen and machine in series.
         assert held[1] / held[0] == pytest.approx(1 / (1 / PAPER.specimen.stiffness_n_mm + 1 / 8000), rel=0.05)
         # In one breath: at fifty times real time it is back at zero after 40 ms.
-        assert heard(line, b"dp") == b"D M\r\n"
-        heard(line, b"s", 0.02)
+        assert reply(line, b"dp") == b"D M\r\n"
+        reply(line, b"s", 0.02)
 
 
 def test_a_travel_limit_stops_it_and_lets_it_go_back(lines: Lines) -> None:
     with opened(lines.serial) as line:
-        assert heard(line, b"h000.05g-000.05lv") == b"0.05 mm\r\n"
-        heard(line, b"e0001.0u", 0.02)
+        assert reply(line, b"h000.05g-000.05lv") == b"0.05 mm\r\n"
+        reply(line, b"e0001.0u", 0.02)
 
         def stopped() -> bool:
             lines.stand.watch_limits()
-            return b"S" in heard(line, b"p")
+            return b"S" in reply(line, b"p")
 
         until(stopped)
-        assert heard(line, b"p") == b"S L UL\r\n"
-        heard(line, b"u", 0.02)
-        assert heard(line, b"p") == b"S L UL\r\n"
-        assert heard(line, b"dp").startswith(b"D L")
-        heard(line, b"s", 0.02)
+        assert reply(line, b"p") == b"S L UL\r\n"
+        reply(line, b"u", 0.02)
+        assert reply(line, b"p") == b"S L UL\r\n"
+        assert reply(line, b"dp").startswith(b"D L")
+        reply(line, b"s", 0.02)
 
 
 def test_letters_that_mean_nothing_are_passed_over(lines: Lines) -> None:
     with opened(lines.serial) as line:
-        assert heard(line, b"\x00?!Q\r\nk y", QUIET_S) == b""
-        assert heard(line, b"p\r") == b"S M\r\n"
+        assert reply(line, b"\x00?!Q\r\nk y", SILENCE_S) == b""
+        assert reply(line, b"p\r") == b"S M\r\n"

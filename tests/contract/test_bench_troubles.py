@@ -43,7 +43,7 @@ class Wall:
 
 @dataclass
 class Troubled:
-    """A bench without its loop on all three lines, and a quiet way to its control registers."""
+    """A bench without its loop on all three lines, and a fault-free access to its control registers."""
 
     port: int
     rtu: str
@@ -93,7 +93,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Troubled]:
 
 
 @pytest.fixture(autouse=True)
-def quiet(bench: Troubled) -> Iterator[None]:
+def no_faults(bench: Troubled) -> Iterator[None]:
     yield
     assert not bench.control.write_registers(900, [0, 0, 0, 0], device_id=UNIT).isError()
 
@@ -105,8 +105,8 @@ def wait_until(true: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def asked(client: Client, address: int, count: int) -> list[int] | None:
-    """Registers, or None where the master says that something is wrong."""
+def requested(client: Client, address: int, count: int) -> list[int] | None:
+    """Registers, or None where the master reports an error."""
     try:
         answer = client.read_input_registers(address, count=count, device_id=UNIT)
     except ModbusException:
@@ -118,26 +118,26 @@ def asked(client: Client, address: int, count: int) -> list[int] | None:
 @pytest.mark.parametrize("trouble", REPLIES)
 def test_a_master_gets_the_truth_or_an_error_and_then_the_truth_again(bench: Troubled, line: str, trouble: LineFault) -> None:
     with bench.master(line) as client:
-        assert asked(client, 0, 2) == [0x5E31, 1]
+        assert requested(client, 0, 2) == [0x5E31, 1]
         bench.order(trouble, line, wait_s=0.1)
-        spoilt = asked(client, 0, 2)
+        spoilt = requested(client, 0, 2)
         # An echo over TCP has the right transaction number: pymodbus takes it for an answer without registers.
         assert spoilt in (None, [0x5E31, 1]) or (line, trouble, spoilt) == ("tcp", LineFault.ECHO, [])
         if trouble in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE):
-            assert spoilt is not None  # within the master's patience
+            assert spoilt is not None  # within the master's timeout
         if trouble is LineFault.LOST or (line, trouble) == ("rtu", LineFault.WRONG_CHECK):
             assert spoilt is None
         time.sleep(0.15)  # what comes late has come
         if not client.connected:
             assert client.connect()
-        assert [asked(client, 0, 2) for _ in range(2)][-1] == [0x5E31, 1]
+        assert [requested(client, 0, 2) for _ in range(2)][-1] == [0x5E31, 1]
 
 
 @pytest.mark.parametrize("line", ["tcp", "rtu"])
-def test_a_reply_later_than_the_masters_patience_is_an_error(bench: Troubled, line: str) -> None:
+def test_a_reply_later_than_the_masters_timeout_is_an_error(bench: Troubled, line: str) -> None:
     with bench.master(line) as client:
         bench.order(LineFault.LATE, line, wait_s=2 * TIMEOUT_S)
-        assert asked(client, 0, 2) is None
+        assert requested(client, 0, 2) is None
 
 
 @pytest.mark.parametrize("line", ["tcp", "rtu"])
@@ -146,25 +146,25 @@ def test_a_lost_reply_has_acted_and_a_silent_device_has_not(bench: Troubled, lin
         with bench.master(line) as client, contextlib.suppress(ModbusException):
             client.write_register(6, word, device_id=UNIT)
 
-    def told() -> list[int]:
+    def reported() -> list[int]:
         return list(bench.control.read_holding_registers(6, count=1, device_id=UNIT).registers)
 
     bench.order(LineFault.LOST, line)
     beat(21)
-    assert told() == [21]
+    assert reported() == [21]
     bench.order(LineFault.SILENT, line, wait_s=1.5 * TIMEOUT_S)
     beat(22)
-    assert told() == [21]
+    assert reported() == [21]
     time.sleep(TIMEOUT_S)
     beat(23)
-    assert told() == [23]
+    assert reported() == [23]
 
 
 def test_trouble_counts_replies_and_keeps_to_its_line(bench: Troubled) -> None:
     with bench.master("tcp") as tcp, bench.master("rtu") as rtu:
         bench.order(LineFault.LOST, "rtu", count=2)
-        assert asked(tcp, 0, 2) is not None
-        assert [asked(rtu, 0, 2) is None for _ in range(3)] == [True, True, False]
+        assert requested(tcp, 0, 2) is not None
+        assert [requested(rtu, 0, 2) is None for _ in range(3)] == [True, True, False]
 
 
 def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: Troubled) -> None:
@@ -174,13 +174,13 @@ def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: 
     for trouble in REPLIES:
         device = open_load_frame(settings, Wall())
         bench.order(trouble, "tcp", wait_s=0.05)
-        said_n = None
+        reported_n = None
         with contextlib.suppress(LinkError):
-            said_n = device.read().force_n
+            reported_n = device.read().force_n
         device.close()
-        assert said_n is None or abs(said_n - 200.0) < 10
-        assert said_n is not None or trouble not in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE)
-        assert said_n is None or trouble not in (LineFault.LOST, LineFault.WRONG_CHECK)
+        assert reported_n is None or abs(reported_n - 200.0) < 10
+        assert reported_n is not None or trouble not in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE)
+        assert reported_n is None or trouble not in (LineFault.LOST, LineFault.WRONG_CHECK)
         bench.order(LineFault.TWICE, "tcp", count=0)  # an order for no reply at all
         again = open_load_frame(settings, Wall())
         assert abs(again.read().force_n - 200.0) < 10
@@ -189,7 +189,7 @@ def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: 
 
 
 @pytest.mark.parametrize(
-    ("trouble", "hears"),
+    ("trouble", "expected_reply"),
     [
         (LineFault.LATE, b"S M\r\n"),
         (LineFault.LOST, b""),
@@ -201,26 +201,26 @@ def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: 
         (LineFault.SILENT, b""),
     ],
 )
-def test_letters_over_pyserial(bench: Troubled, trouble: LineFault, hears: bytes) -> None:
+def test_letters_over_pyserial(bench: Troubled, trouble: LineFault, expected_reply: bytes) -> None:
     with serial.Serial(bench.stand, 115_200) as port:
 
-        def heard(wanted: bytes) -> bytes:
+        def received(expected: bytes) -> bytes:
             """As much as is wanted, however long that takes, and what comes then unasked."""
-            port.timeout = 20.0 if wanted else 0.0
-            first = port.read(len(wanted))
+            port.timeout = 20.0 if expected else 0.0
+            first = port.read(len(expected))
             port.timeout = 0.25
             return first + port.read(64)
 
         bench.order(trouble, "serial", wait_s=30.0 if trouble is LineFault.SILENT else 0.1)
         began = time.monotonic()
         port.write(b"p")
-        assert heard(hears) == hears
+        assert received(expected_reply) == expected_reply
         if trouble is LineFault.SILENT:
             assert not bench.control.write_registers(900, [0, 0, 0, 0], device_id=UNIT).isError()
         if trouble in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE):
             assert time.monotonic() - began > 0.1
         port.write(b"p")
-        assert heard(b"S M\r\n") == b"S M\r\n"
+        assert received(b"S M\r\n") == b"S M\r\n"
 
 
 @pytest.mark.parametrize("words", [[10, 1, 1, 1], [1, 8, 1, 1]])
@@ -260,5 +260,5 @@ def test_nothing_is_slower_for_it(bench: Troubled) -> None:
     with bench.master("tcp") as client:
         began = time.process_time()
         for _ in range(50):
-            assert asked(client, 4, 2) is not None
+            assert requested(client, 4, 2) is not None
         assert (time.process_time() - began) / 50 < 0.02  # the driver asks every 25 ms

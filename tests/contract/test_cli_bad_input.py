@@ -1,4 +1,4 @@
-"""Bad input: one clear sentence on standard error, exit code 2, nothing moved."""
+"""Bad input: one clear message on standard error, exit code 2, nothing moved."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import yaml
 
 from semlive.service.log.files import messages
 
-Said = tuple[int, str, str]
+Printed = tuple[int, str, str]
 
 
 def run(tmp_path: Path, config: dict[str, Any]) -> str:
@@ -24,7 +24,7 @@ def run(tmp_path: Path, config: dict[str, Any]) -> str:
 
 
 def refused(config: Path) -> str:
-    """What a run says that is refused; in a process of its own, because a run changes how its process gets memory."""
+    """Output of a refused run; in a process of its own, because a run changes how its process gets memory."""
     done = subprocess.run([sys.executable, "-m", "semlive", "run", str(config)], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
@@ -51,17 +51,17 @@ def config(tmp_path: Path) -> dict[str, Any]:
 
 def test_a_wrong_key_is_named_with_the_right_one(tmp_path: Path, config: dict[str, Any]) -> None:
     config["protocol"]["hold_sec"] = 30
-    said = run(tmp_path, config)
-    assert "run.yaml" in said
-    assert "protocol.hold_sec" in said
-    assert "did you mean hold_s?" in said
+    printed = run(tmp_path, config)
+    assert "run.yaml" in printed
+    assert "protocol.hold_sec" in printed
+    assert "did you mean hold_s?" in printed
 
 
 def test_a_missing_folder_is_named(tmp_path: Path, config: dict[str, Any]) -> None:
     config["sem"]["folder"] = "nowhere"
-    said = run(tmp_path, config)
-    assert str(tmp_path / "nowhere") in said
-    assert "correct the path" in said
+    printed = run(tmp_path, config)
+    assert str(tmp_path / "nowhere") in printed
+    assert "correct the path" in printed
 
 
 def test_a_refused_socket_is_named(tmp_path: Path, config: dict[str, Any]) -> None:
@@ -69,11 +69,11 @@ def test_a_refused_socket_is_named(tmp_path: Path, config: dict[str, Any]) -> No
     config["load_frame"] = {"driver": "modbus", "settings": {"host": "127.0.0.1", "port": port}}
     config["limits"] = dict.fromkeys(("force_max_n", "extension_max_mm", "force_rate_max_n_s", "force_step_max_n"), 1.0)
     config["limits"].update(force_min_n=0.0, extension_min_mm=0.0, stage_travel_um=100.0)
-    said = run(tmp_path, config)
-    assert f"127.0.0.1:{port}" in said
-    assert "check" in said
+    printed = run(tmp_path, config)
+    assert f"127.0.0.1:{port}" in printed
+    assert "check" in printed
     # Nothing has moved: the log holds the fault alone, and the same run can be started once the cable is in.
-    assert run(tmp_path, config) == said
+    assert run(tmp_path, config) == printed
     topics = [message.topic for message in messages(tmp_path / "log" / "try")]
     assert topics.count("/fault") == 1
     assert "/load_frame/sample" not in topics
@@ -81,9 +81,9 @@ def test_a_refused_socket_is_named(tmp_path: Path, config: dict[str, Any]) -> No
 
 def test_an_unknown_driver_is_named_with_those_there_are(tmp_path: Path, config: dict[str, Any]) -> None:
     config["stage"]["driver"] = "teleport"
-    said = run(tmp_path, config)
-    assert "teleport" in said
-    assert "operator" in said
+    printed = run(tmp_path, config)
+    assert "teleport" in printed
+    assert "operator" in printed
 
 
 def test_a_real_machine_asks_for_somebody_at_the_instrument(tmp_path: Path, config: dict[str, Any]) -> None:
@@ -96,14 +96,14 @@ def test_a_missing_configuration_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", [("replay",), ("report",), ("score", "--truth", "x.json")])
-def test_a_missing_log_is_named(tmp_path: Path, command: tuple[str, ...], semlive: Callable[..., Said]) -> None:
+def test_a_missing_log_is_named(tmp_path: Path, command: tuple[str, ...], semlive: Callable[..., Printed]) -> None:
     code, _, err = semlive(command[0], str(tmp_path / "absent.mcap"), *command[1:])
     assert code == 2
     assert "absent.mcap" in err
     assert err.count("\n") == 1
 
 
-def test_an_unreadable_image_is_named(tmp_path: Path, semlive: Callable[..., Said]) -> None:
+def test_an_unreadable_image_is_named(tmp_path: Path, semlive: Callable[..., Printed]) -> None:
     for name in ("a.tif", "b.tif"):
         (tmp_path / name).write_bytes(b"II*\x00 this is no image")
     code, _, err = semlive("dic", str(tmp_path / "a.tif"), str(tmp_path / "b.tif"), "--json")
@@ -112,7 +112,7 @@ def test_an_unreadable_image_is_named(tmp_path: Path, semlive: Callable[..., Sai
     assert err.count("\n") == 1
 
 
-def test_an_unknown_scenario_is_named_with_those_there_are(tmp_path: Path, semlive: Callable[..., Said]) -> None:
+def test_an_unknown_scenario_is_named_with_those_there_are(tmp_path: Path, semlive: Callable[..., Printed]) -> None:
     code, _, err = semlive("demo", "--scenario", "moon", "--out", str(tmp_path / "out"))
     assert code == 2
     assert "moon" in err

@@ -85,15 +85,15 @@ def test_progress_is_on_standard_error_alone(folder):
     assert result.stderr.splitlines() == ["correlating 1 of 2: a.tif", "correlating 2 of 2: b.tif"]
 
 
-def test_a_poor_pattern_is_told_with_its_figure(folder):
+def test_a_poor_pattern_is_reported_with_its_figure(folder):
     faint = np.round(128 + (speckle().astype(float) - 128) / 12).astype(np.uint8)
     tifffile.imwrite(folder / "faint.tif", faint)
     result = run(folder / "faint.tif", folder / "faint.tif", "--subset", 31, "--json")
     assert result.exit_code == 0
     assert set(json.loads(result.stdout)) == {"points", "converged", "wall_s", "subset_px", "step_px", "method"}  # a contract
-    told = [line for line in result.stderr.splitlines() if line.startswith(str(folder / "faint.tif"))]
+    warnings = [line for line in result.stderr.splitlines() if line.startswith(str(folder / "faint.tif"))]
     assert any(
-        "the contrast of the pattern is 3.2 grey levels" in line and "increase the contrast of the detector" in line for line in told
+        "the contrast of the pattern is 3.2 grey levels" in line and "increase the contrast of the detector" in line for line in warnings
     )
     masked = np.zeros(faint.shape, np.uint8)
     cv2.imwrite(str(folder / "nothing.png"), masked)
@@ -127,7 +127,7 @@ def test_no_point_is_a_failure_with_its_cause(folder):
 
 
 def write_as(path, image):
-    """The grey image in the format its name says, as colour where that is what people have."""
+    """The grey image in the format of its name, as colour where that is common."""
     if path.name == "colour.png":
         image = np.stack([image, image // 2 + 40, 255 - image // 3], axis=2)
     elif path.name == "sixteen.png":
@@ -163,7 +163,7 @@ def test_uniform_rows_are_no_reason_to_refuse_an_image(folder):
     assert 0.5 < figures["converged"] / figures["points"] < 0.95
 
 
-def test_a_mask_leaves_points_out(folder):
+def test_a_mask_excludes_points(folder):
     mask = np.full((100, 120), 255, dtype=np.uint8)
     mask[:, :60] = 0
     cv2.imwrite(str(folder / "mask.png"), mask)
@@ -185,7 +185,7 @@ def test_other_splines_shapes_and_searches(folder, options):
     assert json.loads(result.stdout)["converged"] == 120
 
 
-def test_large_frames_are_worked_on_in_bands_and_nobody_sees_it(folder, monkeypatch):
+def test_processing_a_large_frame_in_bands_does_not_change_the_result(folder, monkeypatch):
     mask = np.full((100, 120), 255, dtype=np.uint8)
     mask[30:50, 40:60] = 0
     cv2.imwrite(str(folder / "mask.png"), mask)
@@ -199,7 +199,7 @@ def test_large_frames_are_worked_on_in_bands_and_nobody_sees_it(folder, monkeypa
     assert tables[0] == tables[1]
 
 
-def test_a_wrong_file_is_told_before_anything_is_written(folder):
+def test_a_wrong_file_is_reported_before_anything_is_written(folder):
     result = run(folder / "ref.tif", folder / "a.tif", folder / "small.tif", "--out", folder / "maps")
     assert isinstance(result.exception, BadInput)
     assert (result.stdout, result.stderr) == ("", "")
@@ -223,7 +223,7 @@ def test_a_wrong_file_is_told_before_anything_is_written(folder):
         (["ref.tif", "a.tif", "b.tif", "--out", "text.tif"], "cannot be made"),
     ],
 )
-def test_bad_input_is_one_sentence(folder, monkeypatch, arguments, message):
+def test_bad_input_gives_one_error_line(folder, monkeypatch, arguments, message):
     monkeypatch.chdir(folder)
     result = run(*arguments)
     assert result.stdout == ""

@@ -70,7 +70,7 @@ def test_a_look_at_the_bench_finds_it_sound_and_writes_nothing(bench: tuple[int,
         assert client.read_holding_registers(0, count=8, device_id=UNIT).registers == [0] * 8
 
 
-def test_another_device_is_told_in_a_table_and_by_the_exit_code(bench: tuple[int, str], check: Check) -> None:
+def test_another_device_is_reported_in_a_table_and_by_the_exit_code(bench: tuple[int, str], check: Check) -> None:
     code, out, error = check("oriental_az", "--port", str(bench[0]))
     assert code == 1
     assert "bad" in out
@@ -88,16 +88,16 @@ def test_another_device_is_told_in_a_table_and_by_the_exit_code(bench: tuple[int
         (["bench", "--force-reads", "about 3"], "--force-reads is 'about 3'; give the digits of the device's panel"),
     ],
 )
-def test_what_is_wrong_is_one_sentence(check: Check, arguments: list[str], sentence: str) -> None:
+def test_bad_input_gives_one_error_line(check: Check, arguments: list[str], sentence: str) -> None:
     code, out, error = check(*arguments)
     assert (code, out) == (2, "")
     assert error.startswith(sentence)
     assert len(error.splitlines()) == 1
 
 
-def test_a_machine_that_listens_and_never_answers_is_one_sentence(check: Check) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as deaf:
-        code, out, error = check("bench", "--port", str(deaf.getsockname()[1]), "--timeout-s", "0.2")
+def test_a_device_that_accepts_and_never_answers_gives_one_error_line(check: Check) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        code, out, error = check("bench", "--port", str(silent.getsockname()[1]), "--timeout-s", "0.2")
     assert (code, out) == (2, "")
     assert "gave no answer within 0.2 s" in error
     assert error.endswith("check cable and device, and that host, port and unit are its own")

@@ -44,7 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return where
 
 
-def test_json_is_one_object_with_the_promised_keys(folder: Path) -> None:
+def test_json_is_one_object_with_the_documented_keys(folder: Path) -> None:
     code, out, err = semlive(folder / "fei.tif", folder / "jeol.tif", folder / "half.tif", "--json")
     assert (code, err) == (0, "")
     fei, jeol, half = json.loads(out)["files"]
@@ -61,7 +61,7 @@ def test_json_is_one_object_with_the_promised_keys(folder: Path) -> None:
     assert "the scan was not finished" in half["problems"][0]
 
 
-def test_the_text_beside_an_image_stands_for_it_and_a_configuration_fills_gaps(folder: Path, tmp_path: Path) -> None:
+def test_a_sidecar_text_represents_its_image_and_a_configuration_fills_gaps(folder: Path, tmp_path: Path) -> None:
     config = {
         "sem": {
             "folder": "export",
@@ -80,7 +80,7 @@ def test_the_text_beside_an_image_stands_for_it_and_a_configuration_fills_gaps(f
     assert jeol["frame_time_s"]["from"] == "derived"
 
 
-def test_the_table_tells_values_sources_and_advice(folder: Path) -> None:
+def test_the_table_shows_values_sources_and_advice(folder: Path) -> None:
     code, out, err = semlive(folder / "fei.tif", folder / "jeol.tif")
     assert (code, err) == (0, "")
     text = " ".join(out.split())  # lines break where the folder's name makes them

@@ -112,7 +112,7 @@ def test_load_and_shift_are_what_was_requested_within_the_machines_errors(truth:
     assert any(np.abs(np.array(frame["stage_px"]) - np.round(frame["stage_px"])).max() > 0.05 for frame in truth["frames"])
 
 
-def test_the_strain_gage_is_told_with_its_own_errors(truth: dict[str, Any], table: list[dict[str, str]]) -> None:
+def test_the_strain_gage_is_reported_with_its_own_errors(truth: dict[str, Any], table: list[dict[str, str]]) -> None:
     for row, frame in zip(table, truth["frames"], strict=True):
         # Factor 1.005, offset 4e-6, and noise of 1.5e-6 over the root of 24 readings; the load changes by less than 1 N meanwhile.
         assert float(row["gage_strain"]) == pytest.approx(1.005 * frame["strain"]["eyy"] + 4e-6, abs=3e-6)
@@ -156,7 +156,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(played: Path, t
     assert all(other[name][0] != first[name][0] for name in other)
 
 
-def test_chosen_frames_are_those_of_the_whole_experiment(played: Path, tmp_path: Path) -> None:
+def test_selected_frames_equal_those_of_the_complete_experiment(played: Path, tmp_path: Path) -> None:
     code, out, err = semlive(scenario_file(tmp_path), "--out", tmp_path / "some", "--frames", "3,8-9", "--json")
     assert code == 0, err
     assert json.loads(out) == {
@@ -186,7 +186,7 @@ def test_shifts_by_the_beam_are_quick_and_crooked(tmp_path: Path) -> None:
     assert frame["stage_px"] == pytest.approx([x_px, y_px], abs=0.02)
 
 
-def test_a_planned_emergency_stop_ends_the_experiment_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_planned_emergency_stop_ends_the_experiment_with_one_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = scenario_file(tmp_path)
     path.write_text(path.read_text() + "faults: [{at_s: 345.0, what: emergency_stop, lasts_s: 10.0}]\n")
     assert frames(path, "--out", tmp_path / "out", "--frames", "0,7") == 2
@@ -203,7 +203,7 @@ def test_a_planned_emergency_stop_ends_the_experiment_in_one_sentence(tmp_path: 
         ("short", ["--frames", "18"], "frames 0-17"),
     ],
 )
-def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path: Path, scenario: str, options: list[str], says: str) -> None:
+def test_bad_input_gives_one_error_line_and_exit_code_2(tmp_path: Path, scenario: str, options: list[str], says: str) -> None:
     code, out, err = semlive(scenario, "--out", tmp_path / "out", *options)
     assert (code, out) == (2, "")
     assert not (tmp_path / "out").exists()
@@ -211,7 +211,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path: Path, scenario: str
     assert err.count("\n") == 1
 
 
-def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
+def test_a_folder_in_use_is_not_changed(tmp_path: Path) -> None:
     (tmp_path / "precious.txt").write_text("data")
     code, _, err = semlive("short", "--out", tmp_path)
     assert code == 2
@@ -240,4 +240,4 @@ def test_a_frame_that_takes_longer_than_its_header_reports_is_played_so(tmp_path
     assert frames(path, "--out", tmp_path / "out", "--frames", "0,1") == 0
     rows = list(csv.DictReader((tmp_path / "out" / "frames.csv").read_text().splitlines()))
     assert float(rows[1]["start_s"]) - float(rows[0]["start_s"]) == pytest.approx(1.1 * 23.67 + 0.4)
-    assert float(rows[0]["row_time_s"]) == pytest.approx(23.67 / 221)  # as the header says
+    assert float(rows[0]["row_time_s"]) == pytest.approx(23.67 / 221)  # as in the header

@@ -221,7 +221,7 @@ def test_viewers_that_leave_make_room_for_others(stand: Stand) -> None:
 
 
 @pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nhost: 127", b"GET /about HTTP/1.1\r\nhost: 127.0.0.1\r\n\r\nGET"])
-def test_a_connection_that_sends_no_whole_request_is_closed(stand: Stand, sent: bytes) -> None:
+def test_a_connection_without_a_complete_request_is_closed(stand: Stand, sent: bytes) -> None:
     with connections(stand.port, 1, sent) as (item,):
         item.settimeout(15)
         with contextlib.suppress(ConnectionResetError):

@@ -1,4 +1,4 @@
-"""A package of somebody else's adds a driver: built, installed beside semlive, found by its entry point, and held to the contract."""
+"""A package of somebody else's adds a driver: built, installed next to semlive, found by its entry point, and held to the contract."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def strain(number: int) -> StrainField:
     return StrainField(number, GRID, 9, exx, eyy, exy, np.ones(GRID.shape, bool))
 
 
-def told(payload: Payload) -> LogMessage:
+def as_message(payload: Payload) -> LogMessage:
     return LogMessage(topic_of(payload), END_NS, END_NS, 0, to_json(payload))
 
 
@@ -99,7 +99,7 @@ def analysed() -> PairResult:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("log") / "run.000.mcap"
-    pair = told(values.pair_message(PAIR))
+    pair = as_message(values.pair_message(PAIR))
     started = RunMessage(run="run", started_time_ns=1, host="lab", boot_id="b", versions={"semlive": "1"}, config={"a": None})
     state = StateMessage(time_ns=1, before="idle", after="connecting", cause="opening", step=None, guards={"force_n": 1.5})
     printed = [
@@ -111,9 +111,9 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with path.open("wb") as stream:
         writer = LogWriter(stream)
         result = analysed()
-        unknown = told(values.elastic_message(None, 2))
+        unknown = as_message(values.elastic_message(None, 2))
         made = [unknown, *result_messages(result, 0.1), *preview_images(Pair(PAIR, *FRAMES), result)]
-        for at, item in enumerate([*map(told, printed), pair, *made]):
+        for at, item in enumerate([*map(as_message, printed), pair, *made]):
             writer.write(item.topic, item.payload, END_NS + at, item.publish_time_ns, item.sequence if item.topic in RAW_TOPICS else None)
             writer.flush()
         writer.finish()
@@ -129,13 +129,13 @@ def test_every_schema_is_one_and_viewers_understand_it(topic: str) -> None:
     viewers_understand(schema, topic)
 
 
-def test_payloads_fit_their_schemas_and_foxglove_encodes_the_same_pictures(log: Path) -> None:
+def test_payloads_fit_their_schemas_and_foxglove_encodes_the_same_images(log: Path) -> None:
     newest = check_messages(log)
     assert newest["/drift/estimate"]["x_px"] == newest["/drift/estimate"]["drift_px"][-1][0]
     assert newest["/elastic"]["youngs_modulus_gpa"]["value"] == 71.0
 
 
-def test_pictures_are_lossless_and_fields_are_shown_to_the_last_bit(log: Path) -> None:
+def test_images_are_lossless_and_fields_are_shown_to_the_last_bit(log: Path) -> None:
     shown: dict[str, dict[int, Any]] = {}
     with log.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -180,7 +180,7 @@ def test_lines_of_the_log_are_foxglove_s_and_older_ones_are_still_read(log: Path
         assert {schema.name for schema, *_ in make_reader(stream).iter_messages(topics=["/log"]) if schema} == {"foxglove.Log"}
 
 
-def test_a_run_is_told_in_the_metadata_too(log: Path) -> None:
+def test_a_run_is_described_in_the_metadata(log: Path) -> None:
     with log.open("rb") as stream:
         [metadata] = make_reader(stream).iter_metadata()
     assert metadata.name == "semlive.run"

@@ -1,4 +1,4 @@
-"""The x10,000 scenario: it says what the paper says, and `simulate` plays it."""
+"""The x10,000 scenario: it has the values of the paper, and `simulate` plays it."""
 
 from __future__ import annotations
 
@@ -67,9 +67,9 @@ def test_the_path_is_crooked_and_every_point_stays_in_the_field() -> None:
     half = DicSettings().subset_px // 2 + 2
     assert (places.min(axis=0) > [half - x0, half - y0]).all()
     assert (places.max(axis=0) < [1023 - half - x1, 883 - half - y1]).all()
-    wrong_px, told_px = np.linalg.norm(calibration, axis=1), np.linalg.norm(commanded, axis=1)
-    assert wrong_px.mean() > 0.3  # not where it was told
-    assert (wrong_px < 0.07 * told_px + 2.0).all()  # and not astray: 4 % and 3 degrees, and half a pixel of scatter
+    wrong_px, commanded_px = np.linalg.norm(calibration, axis=1), np.linalg.norm(commanded, axis=1)
+    assert wrong_px.mean() > 0.3  # not at its commanded position
+    assert (wrong_px < 0.07 * commanded_px + 2.0).all()  # and not astray: 4 % and 3 degrees, and half a pixel of scatter
     assert len(places) == 44
     # Left to itself the field drifts by 78 and 125 px; brought back, it is off by what passes from pair to pair.
     off_px = np.linalg.norm(places[:22] - planned, axis=1)

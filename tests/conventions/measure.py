@@ -1,6 +1,6 @@
 """Size and language of the code: `python tests/conventions/measure.py [ROOT...]` prints one column for each checkout.
 
-Identifiers are split at underscores and capitals; a word is banned if the naming rules in CONTRIBUTING replace it.
+Identifiers are split at underscores and capitals; a term is banned if the naming rules in CONTRIBUTING replace it.
 """
 
 from __future__ import annotations

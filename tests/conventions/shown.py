@@ -37,7 +37,7 @@ ELSEWHERE = {
 
 
 def shown(path: Path) -> list[str]:
-    """Command lines of a page, without what brackets say may be left out."""
+    """Command lines of a page, without their optional parts in brackets."""
     text = path.read_text(encoding="utf-8")
     lines = [match[1] for match in LINE.finditer(text)] + [match[1] for match in QUOTED.finditer(text)]
     return [re.split(r"\s{2,}|[:;,] |\.$| \|\|", line.replace("[", " ").replace("]", " ").strip())[0] for line in lines]

@@ -56,6 +56,6 @@ def test_stretching_moves_every_deadline_later(rate: float, span_ns: int, by_ns:
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan])
-def test_a_clock_that_stands_or_runs_backwards_is_refused(rate: float) -> None:
+def test_a_clock_that_stops_or_runs_backwards_is_refused(rate: float) -> None:
     with pytest.raises(ValueError, match="rate"):
         Clock(UTC0_NS, MONO0_NS, rate)

@@ -24,7 +24,7 @@ def timing(integrations: int = 1) -> ScanTiming:
 
 
 def test_row_time_is_a_tenth_of_a_second_not_ten() -> None:
-    """The scanned text says t_R = 1.071 x 10; equations 1 and 2 say 0.10709 s, of which 4.7 ms are fly-back."""
+    """The scanned text has t_R = 1.071 x 10; equations 1 and 2 have 0.10709 s, of which 4.7 ms are fly-back."""
     row_s = timing().row_time_s.value
     assert row_s == pytest.approx(0.10709, abs=5e-6)
     assert row_s - WIDTH_PX * DWELL_S == pytest.approx(4.7e-3, abs=5e-5)

@@ -1,4 +1,4 @@
-"""The rules of the house, each held over the whole tree and each seen to bite."""
+"""Rules of the code base, each tested over the complete tree and on a violation."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def tree_files() -> list[Source]:
     found = []
     for path in sorted(ROOT.rglob("*")):
         parts = path.relative_to(ROOT).parts
-        left_out = any((part.startswith(".") and part != ".ci") or part in ("__pycache__", "dist", "build", "runs") for part in parts[:-1])
-        if not left_out and path.is_file() and path.suffix in TEXT:
+        excluded = any((part.startswith(".") and part != ".ci") or part in ("__pycache__", "dist", "build", "runs") for part in parts[:-1])
+        if not excluded and path.is_file() and path.suffix in TEXT:
             found.append(Source(path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")))
     return found
 
@@ -92,7 +92,7 @@ def no_print(source: Source) -> Iterator[str]:
 def telling_names(source: Source) -> Iterator[str]:
     for part in Path(source.path).with_suffix("").parts:
         if part in {"util", "utils", "helper", "helpers", "misc", "common", "stuff"}:
-            yield f"{source.path}: {part} says nothing; name it for its job"
+            yield f"{source.path}: {part} has no meaning; name it for its job"
 
 
 def no_mocks(source: Source) -> Iterator[str]:
@@ -116,7 +116,7 @@ def no_skips(source: Source) -> Iterator[str]:
         if isinstance(node, ast.Attribute) and node.attr in {"skip", "skipif", "xfail", "importorskip"}:
             owner = ast.unparse(node.value)
             if owner in {"pytest", "pytest.mark", "mark"} and (node.lineno, node.col_offset) not in allowed:
-                yield f"{source.path}:{node.lineno}: {owner}.{node.attr}: a test that does not run says nothing"
+                yield f"{source.path}:{node.lineno}: {owner}.{node.attr}: a test that does not run shows nothing"
 
 
 REGISTRIES = ("pypi", "pythonhosted", "npmjs", "debian", "crates", "golang")
@@ -208,7 +208,7 @@ def test_source_roots_are_no_packages() -> None:
     assert not (ROOT / "simulators" / "__init__.py").exists()
 
 
-def test_every_room_is_pure_or_known_to_be_shell() -> None:
+def test_every_package_is_pure_or_listed_as_shell() -> None:
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
     (pure,) = [contract["source_modules"] for contract in contracts if contract["id"] == "pure"]
     rooms = {module.name for module in pkgutil.iter_modules([str(ROOT / "semlive")])}

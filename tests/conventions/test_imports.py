@@ -143,14 +143,14 @@ def test_the_tree_keeps_its_contracts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", range(len(BREAKS)), ids=lambda number: "-".join(BREAKS[number]))
-def test_breaking_a_contract_is_seen(violations: tuple[dict[str, str], list[str]], number: int) -> None:
+def test_breaking_a_contract_is_reported(violations: tuple[dict[str, str], list[str]], number: int) -> None:
     printed, modules = violations
     contract, _, statement = BREAKS[number]
     imported = re.escape(statement.replace("from semlive import ", "import semlive.").split()[1].split(".")[0])
     assert re.search(rf"^\W*{re.escape(modules[number])}( -> {imported}\b|$)", printed[contract], re.MULTILINE)
 
 
-def test_what_the_house_allows_passes(tmp_path: Path) -> None:
+def test_allowed_imports_pass(tmp_path: Path) -> None:
     copy = copy_to(tmp_path)
     for number, (file, statement) in enumerate(ALLOWED):
         planted(copy, number, file, statement)

@@ -1,4 +1,4 @@
-"""The page that tells of the log's topics names all of them, and no others."""
+"""The page of the log's topics names all of them, and no others."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def table() -> dict[str, list[str]]:
             break
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         topic = cells[0].strip("`")
-        assert topic not in rows, f"{topic} stands twice in {PAGE.name}"
+        assert topic not in rows, f"{topic} is twice in {PAGE.name}"
         rows[topic] = cells
     return rows
 

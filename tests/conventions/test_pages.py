@@ -51,8 +51,8 @@ def test_a_shown_command_can_be_typed(path: Path, line: str, commands: dict[str,
     if getattr(command, "commands", None):
         assert given, f"{path.name}: semlive {name} needs a command of its own"
         command = command.commands[given.pop(0)]
-    known = {option for item in command.params for option in (*item.opts, *item.secondary_opts)} | {"--help"}
-    unknown = [word for word in given if re.match(r"--?[a-z]", word) and word.split("=")[0] not in known]
+    options = {option for item in command.params for option in (*item.opts, *item.secondary_opts)} | {"--help"}
+    unknown = [word for word in given if re.match(r"--?[a-z]", word) and word.split("=")[0] not in options]
     assert not unknown, f"{path.name}: semlive {name} has no {unknown}"
 
 
@@ -101,7 +101,7 @@ def test_quick_commands_of_a_page_run_in_their_order(page: str, lab: Path) -> No
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     CliRunner().invoke(app, ["init", "my-run.yaml", "--yes"])
     config = yaml.safe_load((lab / "my-run.yaml").read_text(encoding="utf-8"))
-    reported = {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 1.25e-6}  # a plain file tells nothing
+    reported = {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 1.25e-6}  # a plain file has no metadata
     config["sem"]["profile"].update(reported)
     (lab / "my-run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
     lines = [line.strip() for line in re.findall(r"^ {4}(semlive .*)$", text, re.MULTILINE) if RUN_HERE.match(line)]
@@ -111,5 +111,5 @@ def test_quick_commands_of_a_page_run_in_their_order(page: str, lab: Path) -> No
         if words[0] == "init":
             words = [*(word for word in words if word not in ("my-run.yaml", "--yes")), "another.yaml", "--yes", "--force"]
         done = CliRunner().invoke(app, words)
-        # The instrument of the pages is not here, and a doctor that says so does its work.
+        # The instrument of the pages is not here, and a doctor that reports this does its work.
         assert done.exit_code == 0 or words[0] == "doctor", f"{line}: {done.output} {done.exception}"

@@ -20,10 +20,10 @@ def readme() -> str:
 
 
 def test_its_commands_exist(readme: str) -> None:
-    known = {entry.name for entry in COMMANDS} | {"test", "docs"}
+    commands = {entry.name for entry in COMMANDS} | {"test", "docs"}
     named = set(re.findall(r"(?:go\.py|`semlive|^ {4}semlive) ([a-z]+)", readme, re.MULTILINE))
     assert named >= {"demo", "test", "run", "replay"}
-    assert named <= known
+    assert named <= commands
 
 
 def test_its_links_lead_somewhere(readme: str) -> None:

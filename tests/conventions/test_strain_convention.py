@@ -20,10 +20,12 @@ WIDTH_PX, HEIGHT_PX, FRAME_S = 1024, 884, 94.67
 
 
 def when(frame: int, start_s: float) -> FrameTime:
-    def known(value: float) -> Sourced[float]:
+    def from_config(value: float) -> Sourced[float]:
         return Sourced(value, Provenance.CONFIG)
 
-    return FrameTime(frame, start_s, ScanTiming(known(1e-4), known(FRAME_S / HEIGHT_PX), known(FRAME_S), Sourced(1, Provenance.CONFIG)))
+    return FrameTime(
+        frame, start_s, ScanTiming(from_config(1e-4), from_config(FRAME_S / HEIGHT_PX), from_config(FRAME_S), Sourced(1, Provenance.CONFIG))
+    )
 
 
 def given(reference: int, current: int, u_px: np.ndarray | float, v_px: np.ndarray | float) -> DisparityMap:

@@ -32,7 +32,7 @@ def strings_of_the_code() -> str:
 
 
 def quoted_parts(page: str) -> Iterator[str]:
-    """The constant parts of the messages in the first column of every table; `...` stands for a value."""
+    """The constant parts of the messages in the first column of every table; `...` replaces a value."""
     for row in re.findall(r"^\| (.*?) \| .*\|$", page, re.MULTILINE):
         for message in re.findall(r"`([^`]+)`", row):
             for part in message.split("..."):

@@ -1,4 +1,4 @@
-"""Analysis stands still: control keeps nothing for it, starts another in its place, and that one catches up from the log."""
+"""Analysis hangs: control keeps nothing for it, starts another in its place, and that one catches up from the log."""
 
 from __future__ import annotations
 

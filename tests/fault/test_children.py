@@ -12,7 +12,7 @@ from pathlib import Path
 
 from .by_hand import lives
 
-# Starts analysis and page on a log that does not exist, and analysis once more from a thread that ends.
+# Starts analysis and page on a log that does not exist, and analysis again from a thread that ends.
 PARENT = """
 import subprocess, sys, threading, time
 from semlive.service.runtime.process import start_child

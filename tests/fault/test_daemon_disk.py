@@ -91,7 +91,7 @@ class Ticking:
         return 1
 
 
-def test_a_slow_disk_is_told_and_nothing_is_lost(tmp_path: Path, wait_until: Callable[..., None]) -> None:
+def test_a_slow_disk_is_reported_and_nothing_is_lost(tmp_path: Path, wait_until: Callable[..., None]) -> None:
     def open_raw(path: Path) -> RawIOBase:
         return cast(RawIOBase, SlowDisk(path, "xb"))
 

@@ -32,14 +32,14 @@ def originals(log: Path) -> int:
 
 
 def stopped(patient: Any, number: int = signal.SIGTERM) -> tuple[int, str, float]:
-    """Exit code, last words, and how long it took to end."""
+    """Exit code, last output, and the time to its end."""
     patient.daemon.send_signal(number)
     began_s = time.monotonic()
     code, printed = patient.end(90.0)
     return code, printed, time.monotonic() - began_s
 
 
-def test_a_failed_fsync_is_reported_and_analysis_goes_on_in_the_next_segment(
+def test_a_failed_fsync_is_reported_and_analysis_continues_in_the_next_segment(
     patient: Any, disk_peer: Path, monkeypatch: pytest.MonkeyPatch, wait_until: Callable[..., None], tmp_path: Path
 ) -> None:
     switches = tmp_path / "switches"
@@ -79,9 +79,7 @@ def test_a_run_whose_folder_is_deleted_ends_within_ten_seconds(patient: Any) -> 
     assert "stop" in patient.calls()
 
 
-def test_a_run_ends_within_twenty_seconds_while_analysis_stands_still(
-    patient: Any, wait_until: Callable[..., None], tmp_path: Path
-) -> None:
+def test_a_run_ends_within_twenty_seconds_while_analysis_hangs(patient: Any, wait_until: Callable[..., None], tmp_path: Path) -> None:
     patient.start().reach("ramping")
     analysis = patient.child()
     os.kill(analysis, signal.SIGSTOP)

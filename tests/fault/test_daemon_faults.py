@@ -1,4 +1,4 @@
-"""Whatever breaks under the daemon: nothing moves any more, the log is whole, one sentence says why, exit code 1."""
+"""After any failure under the daemon: nothing moves any more, the log is complete, one message gives the reason, exit code 1."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_a_mistake_in_the_loop_stops_the_machine_and_ends_the_run(patient: Any) 
 
 
 def test_a_driver_that_never_comes_back_is_noticed(patient: Any) -> None:
-    # Stopping waits so long for the device's word, unless it is told a second time.
+    # A stop waits so long for the device's reply, unless a second stop is requested.
     patient.config["limits"]["stop_timeout_s"] = 300.0
     patient.start().reach("ramping").falls_ill("load frame hangs in read")
     patient.reach("stopping").daemon.send_signal(signal.SIGINT)
@@ -96,7 +96,7 @@ def test_a_broken_trigger_ends_the_run(patient: Any, ill: str) -> None:
     patient.is_in_order()
 
 
-def test_a_slow_device_does_not_make_the_other_one_believe_that_control_is_dead(patient: Any, wait_until: Callable[..., None]) -> None:
+def test_a_slow_device_does_not_trip_the_control_timeout_of_the_other_one(patient: Any, wait_until: Callable[..., None]) -> None:
     patient.config["stage"] = {"driver": "sick", "settings": {**patient.config["load_frame"]["settings"], "name": "stage"}}
     patient.falls_ill("stage hangs in open")
     patient.start()
@@ -108,7 +108,7 @@ def test_a_slow_device_does_not_make_the_other_one_believe_that_control_is_dead(
     assert not patient.logged("/fault")
 
 
-def test_a_hung_analysis_does_not_hold_up_an_impatient_operator(patient: Any, wait_until: Callable[..., None]) -> None:
+def test_a_hung_analysis_does_not_delay_a_second_stop_request(patient: Any, wait_until: Callable[..., None]) -> None:
     patient.start().reach("ramping")
     os.kill(patient.child(), signal.SIGSTOP)
     patient.falls_ill("load frame hangs in close")

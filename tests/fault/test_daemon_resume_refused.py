@@ -1,4 +1,4 @@
-"""A run that is taken up again where the machine is not as its log left it, or while another daemon is at work on it."""
+"""A resumed run whose machine is not in the state of its log, or while another daemon is at work on it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Callable
 from typing import Any
 
 
-def test_a_machine_that_stands_elsewhere_is_not_moved_without_asking(patient: Any, wait_until: Callable[..., None]) -> None:
+def test_a_machine_at_another_position_is_not_moved_without_confirmation(patient: Any, wait_until: Callable[..., None]) -> None:
     patient.start().reach("ramping")
     wait_until(lambda: any(item["force_n"] > 15.0 for item in patient.logged("/load_frame/sample")))
     patient.daemon.send_signal(signal.SIGINT)
     assert patient.end()[0] == 1
     ramps = patient.calls().count("ramp_to")
-    # The load frame of the next process begins at 0 N; the log says some 20 N.
+    # The load frame of the next process begins at 0 N; the log has some 20 N.
     patient.start("--resume", "--yes")
     code, printed = patient.end()
     assert code == 1
@@ -36,5 +36,5 @@ def test_a_second_daemon_on_the_same_run_is_refused(patient: Any) -> None:
     code, printed = patient.end()
     assert code == 2
     assert "protocol.load_tolerance_n is 15.0 in the configuration and 10.0 in the log" in printed
-    # The torn segment was made whole at once, and nothing was begun.
+    # The truncated segment was completed at once, and no motion was started.
     assert [path.name for path in patient.log.glob("*.mcap")] == ["run.000.mcap"]

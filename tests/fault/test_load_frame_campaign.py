@@ -54,6 +54,6 @@ def test_there_are_twice_as_many_own_scenarios_as_listed_ones() -> None:
     assert groups.count(Group.OWN) >= 2 * groups.count(Group.README) >= 2 * 50
 
 
-def test_healthy_runs_are_drawn_alike_each_time() -> None:
+def test_healthy_runs_are_drawn_reproducibly() -> None:
     assert healthy_runs(100) == healthy_runs(100)
     assert len({item.name for item in (*ALL, *healthy_runs(100))}) == len(ALL) + 100

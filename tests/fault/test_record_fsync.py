@@ -34,36 +34,36 @@ from semlive.service.log.tail import LogTail
 class Clock:
     def now_ns(self): return time.time_ns()
     def mono_ns(self): return time.monotonic_ns()
-log, switches, wanted, at = Path(sys.argv[1]), Path(sys.argv[2]), json.loads(sys.argv[3]), int(sys.argv[4])
-said, behind, tail, followed = [], [], LogTail(log), []
+log, switches, failures, at = Path(sys.argv[1]), Path(sys.argv[2]), json.loads(sys.argv[3]), int(sys.argv[4])
+warnings, behind, tail, followed = [], [], LogTail(log), []
 def switch(names):
     for name, count in names.items():
         (switches / name).write_text(str(count))
 if at < 0:
-    switch(wanted)
-recorder = Recorder(log / "run.000.mcap", Clock(), said.append, retry_after_s=0.05)
+    switch(failures)
+recorder = Recorder(log / "run.000.mcap", Clock(), warnings.append, retry_after_s=0.05)
 recorder.write("/run", RunMessage(run="run", started_time_ns=1, host="here", versions={}, config={}))
 for number in range(30):
-    told = dict(size=100000, sha256="", mtime_ns=0, arrival_time_ns=0, decision="arrived", reason="")
+    description = dict(size=100000, sha256="", mtime_ns=0, arrival_time_ns=0, decision="arrived", reason="")
     recorder.write("/log", LogLineMessage(time_ns=number, level="info", text="x"))
-    recorder.write("/sem/file", FileMessage(export=number, name=f"image{number:03d}.tif", **told))
+    recorder.write("/sem/file", FileMessage(export=number, name=f"image{number:03d}.tif", **description))
     if number == at:
-        switch(wanted)
+        switch(failures)
     recorder.write("/sem/original", bytes([number]) * 100000, sequence=number)
     recorder.flush(0.3)
     behind.append(recorder.backlog_message)
     followed += [one.sequence for one in tail.poll() if one.topic == "/sem/original"]
 began_s = time.monotonic()
-whole = recorder.close(10.0, 1.0)
+complete = recorder.close(10.0, 1.0)
 followed += [one.sequence for one in tail.poll() if one.topic == "/sem/original"]
-print(json.dumps(dict(said=said, behind=[one for one in behind if one], whole=whole, ended_in_s=time.monotonic() - began_s,
+print(json.dumps(dict(warnings=warnings, behind=[one for one in behind if one], complete=complete, ended_in_s=time.monotonic() - began_s,
                       unacknowledged=recorder.unacknowledged, followed=followed)))
 """
 
 
 @pytest.fixture
 def record(disk_peer: Path, tmp_path: Path) -> Callable[..., dict[str, Any]]:
-    """Writes a log on a disk that fails as the switches say."""
+    """Writes a log on a disk that fails as the switches set."""
 
     def run(switches: dict[str, int], at: int = 10) -> dict[str, Any]:
         for name in ("log", "switches"):
@@ -95,13 +95,13 @@ def names(log: Path) -> list[str]:
 def test_what_a_failed_fsync_lost_is_written_again(record: Callable[..., dict[str, Any]], tmp_path: Path, failures: int, at: int) -> None:
     reported = record({"fsync": failures}, at)
     log = tmp_path / "log"
-    assert reported["whole"]
+    assert reported["complete"]
     assert images(log) == list(range(ORIGINALS))
     assert sorted(reported["followed"]) == list(range(ORIGINALS))
     assert names(log) == ["run.000.mcap", "run.001.mcap"]
     times = [item.log_time_ns for item in messages(log)]
     assert times == sorted(set(times))
-    first, second = reported["said"]
+    first, second = reported["warnings"]
     assert "did not confirm what was written (Input/output error)" in first
     assert ("1 x /run" if at < 0 else f"image{at:03d}.tif") in first
     assert "read back from there; run.000.mcap ends where it was last confirmed" in second
@@ -115,25 +115,23 @@ def test_what_a_failed_fsync_lost_is_written_again(record: Callable[..., dict[st
 
 def test_an_image_whose_write_fails_is_written_again(record: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     reported = record({"write": 1})
-    assert reported["whole"]
+    assert reported["complete"]
     assert images(tmp_path / "log") == list(range(ORIGINALS))
-    assert "(Input/output error)" in reported["said"][0]
+    assert "(Input/output error)" in reported["warnings"][0]
 
 
 def test_a_folder_whose_fsync_fails_keeps_the_finished_segment(record: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     reported = record({"folder": 1})
-    assert reported["whole"]
+    assert reported["complete"]
     assert images(tmp_path / "log") == list(range(ORIGINALS))
     assert names(tmp_path / "log") == ["run.000.mcap"]
-    assert "check the disk" in reported["said"][0]
+    assert "check the disk" in reported["warnings"][0]
 
 
-def test_a_disk_that_stays_full_leaves_what_it_took_and_another_disk_takes_the_recovered_log(
-    record: Callable[..., dict[str, Any]], tmp_path: Path
-) -> None:
+def test_a_full_disk_keeps_its_part_and_another_disk_takes_the_recovered_log(record: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     reported = record({"full": 100_000})
     log = tmp_path / "log"
-    assert not reported["whole"]
+    assert not reported["complete"]
     assert reported["ended_in_s"] < 5.0
     assert "image010.tif" in reported["unacknowledged"]
     assert "20 x /sem/original" in reported["unacknowledged"]

@@ -29,7 +29,7 @@ from semlive.service.log.tail import LogTail
 
 @dataclass
 class StuckClock:
-    """A clock that stands still, as experiment time does while a simulation catches up."""
+    """A clock that does not advance, like experiment time while a simulation catches up."""
 
     ns: int = 10**18
 
@@ -131,7 +131,7 @@ def test_nothing_is_lost_when_the_disk_is_full_for_a_while(tmp_path: Path) -> No
     assert [message.publish_time_ns - 10**18 for message in messages(tmp_path)] == list(range(200))
 
 
-def test_a_disk_that_stays_full_is_told_and_a_full_queue_refuses(tmp_path: Path) -> None:
+def test_a_disk_that_stays_full_is_reported_and_a_full_queue_refuses(tmp_path: Path) -> None:
     printed: list[str] = []
     open_raw, opened = small_disk(0)
     recorder = Recorder(tmp_path / "r.000.mcap", StuckClock(), printed.append, open_raw=open_raw, max_messages=20, retry_after_s=0.05)
@@ -148,7 +148,7 @@ def test_a_disk_that_stays_full_is_told_and_a_full_queue_refuses(tmp_path: Path)
     assert not recorder.path.exists()
     with pytest.raises(SemliveError, match="closed"):
         recorder.write("/log", line("late"))
-    opened[0].room = 10**9  # closing goes on in the background, and ends whole
+    opened[0].room = 10**9  # closing continues in the background, and ends completely
     assert recorder.close()
 
 
@@ -169,7 +169,7 @@ def test_a_segment_is_never_overwritten(tmp_path: Path) -> None:
         Recorder(tmp_path / "missing" / "r.000.mcap", StuckClock(), unfaulted)
 
 
-def test_logs_that_are_none_are_one_sentence(tmp_path: Path) -> None:
+def test_files_that_are_no_logs_give_one_error_line(tmp_path: Path) -> None:
     with pytest.raises(BadLog, match="no such log"):
         segments(tmp_path / "no.mcap")
     with pytest.raises(BadLog, match=r"holds no \.mcap"):
@@ -231,7 +231,7 @@ def test_the_index_of_a_long_log_lies_aside_as_far_as_there_is_room(tmp_path: Pa
     assert len(summary.chunk_indexes) == 3000
 
 
-def test_a_killed_recorder_leaves_everything_that_was_flushed(tmp_path: Path) -> None:
+def test_flushed_messages_survive_a_killed_recorder(tmp_path: Path) -> None:
     path = tmp_path / "run.000.mcap"
     done = subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False, timeout=60)
     assert done.returncode == -9
@@ -260,7 +260,7 @@ def test_a_log_that_is_moved_or_cut_while_it_is_written_is_behind(tmp_path: Path
     assert recorder.close()
 
 
-def test_a_large_segment_is_followed_by_another_and_readers_see_one_log(tmp_path: Path) -> None:
+def test_a_large_segment_is_followed_by_another_and_readers_return_one_log(tmp_path: Path) -> None:
     recorder = Recorder(segment_path(tmp_path, "run", 0), StuckClock(), unfaulted, segment_bytes=20_000)
     tail, followed = LogTail(tmp_path), list[LogMessage]()
     recorder.write("/run", RunMessage(run="run", started_time_ns=1, host="here", versions={}, config={}))

@@ -1,4 +1,4 @@
-"""Torn and damaged logs are made valid again, and say what was lost of them."""
+"""Truncated and damaged logs are made valid again, with a report of the losses."""
 
 from __future__ import annotations
 
@@ -64,31 +64,31 @@ def test_thirty_random_damages_cost_only_themselves(tmp_path: Path) -> None:
     assert "30 cases, none lost what it must keep" in lines[-1]
 
 
-def test_everything_before_every_tear_of_the_last_chunk_is_kept(tmp_path: Path) -> None:
+def test_everything_before_every_truncation_of_the_last_chunk_is_recovered(tmp_path: Path) -> None:
     data = written(tmp_path / "whole.mcap", 4)
-    known = standing(data)
+    complete = standing(data)
     path = tmp_path / "cut.mcap.part"
-    for cut in range(known[0].chunk[0], known[5].end, 97):
+    for cut in range(complete[0].chunk[0], complete[5].end, 97):
         path.write_bytes(data[:cut])
         recovered = recover_segment(path)
-        assert sum(recovered.recovered.values()) == sum(item.end <= cut for item in known)
+        assert sum(recovered.recovered.values()) == sum(item.end <= cut for item in complete)
         recovered.path.unlink()
         (tmp_path / f"cut{ORIGINAL}").unlink()
 
 
 def test_rubbish_behind_a_tear_takes_nothing_with_it(tmp_path: Path) -> None:
-    """The torn chunk's length lies within the file again, but nothing stands in its rest."""
+    """The truncated chunk's length lies within the file again, but its rest is empty."""
     data = written(tmp_path / "whole.mcap", 4)
-    known = standing(data)
+    complete = standing(data)
     path = tmp_path / "cut.mcap.part"
-    for cut in range(known[10].start, known[15].end, 53):
+    for cut in range(complete[10].start, complete[15].end, 53):
         for rubbish in (bytes(4096), bytes(range(256)) * 16):
             path.write_bytes(data[:cut] + rubbish)
             stored = [item.payload for item in messages(path)]
-            assert stored == [item.key[4] for item in known if item.end <= cut]
+            assert stored == [item.key[4] for item in complete if item.end <= cut]
 
 
-def test_a_damaged_log_is_recovered_in_place_and_the_original_is_kept(tmp_path: Path) -> None:
+def test_a_damaged_log_is_recovered_in_place_and_the_original_is_retained(tmp_path: Path) -> None:
     path = tmp_path / "run.000.mcap"
     data = bytearray(written(path))
     image = next(item for item in standing(bytes(data)) if item.key[0] == SEM_ORIGINAL and item.key[1] == 6)
@@ -115,7 +115,7 @@ def test_every_length_and_kind_of_a_chunk_may_be_wrong_by_a_bit(tmp_path: Path) 
     whole = written(path, 8)
     chunk = next(item.chunk for item in standing(whole) if item.key[0] == DIC_MAP)
     total = len(standing(whole))
-    # Kind, length, uncompressed size, and size: each says again what another says, and the checksum decides.
+    # Kind, length, uncompressed size, and size: each repeats what another states, and the checksum decides.
     for byte in (0, 1, 2, 8, 25, 27, 41, 44):
         data = bytearray(whole)
         data[chunk[0] + byte] ^= 4
@@ -135,9 +135,9 @@ def test_where_it_goes_and_what_is_refused(tmp_path: Path) -> None:
     assert sorted(item.name for item in folder.iterdir()) == ["run.000.mcap", "run.001.mcap.part"]
     with pytest.raises(BadLog, match="exists already"):
         recover_log(folder, tmp_path / "out")
-    [left] = repair_partial_segments(folder)
-    assert left.path.name == "run.001.mcap"
-    assert left.original == folder / f"run.001{ORIGINAL}"
+    [repaired] = repair_partial_segments(folder)
+    assert repaired.path.name == "run.001.mcap"
+    assert repaired.original == folder / f"run.001{ORIGINAL}"
     assert repair_partial_segments(folder) == ()
     (tmp_path / "image.mcap").write_bytes(b"\x89PNG\r\n\x1a\n" * 100)
     with pytest.raises(BadLog, match=r"image\.mcap: not an MCAP file"):
@@ -164,7 +164,7 @@ time.sleep(60)
 """
 
 
-def test_a_log_that_is_being_written_is_left_alone_and_a_killed_one_is_finished(tmp_path: Path) -> None:
+def test_a_log_being_written_is_not_changed_and_a_killed_one_is_finished(tmp_path: Path) -> None:
     command = [sys.executable, "-c", KILLED, str(tmp_path / "run.000.mcap")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
         assert writer.stdout is not None

@@ -83,7 +83,7 @@ def first_event_of_the_page(log: Path) -> str:
             served.terminate()
 
 
-def test_a_refused_start_leaves_its_fault_and_the_name_can_be_run_again(
+def test_a_refused_start_records_its_fault_and_its_name_can_be_reused(
     patient: Any, semlive: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     patient.falls_ill("load frame is refused open")
@@ -105,7 +105,7 @@ def test_a_refused_start_leaves_its_fault_and_the_name_can_be_run_again(
     assert any("was replaced by this run: open is refused" in one["text"] for one in patient.logged("/log"))
 
 
-def test_a_closed_port_is_bad_input_and_leaves_its_fault_too(patient: Any) -> None:
+def test_a_closed_port_is_bad_input_and_its_fault_is_recorded(patient: Any) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     patient.config["load_frame"] = {"driver": "modbus", "settings": {"map": "bench", "host": "127.0.0.1", "port": port}}
@@ -115,7 +115,7 @@ def test_a_closed_port_is_bad_input_and_leaves_its_fault_too(patient: Any) -> No
     assert [one["code"] for one in patient.logged("/fault")] == ["link_lost"]
 
 
-def test_a_log_with_more_than_a_refused_start_is_kept(patient: Any) -> None:
+def test_a_log_with_more_than_a_refused_start_is_retained(patient: Any) -> None:
     patient.start().reach("ramping").daemon.terminate()
     assert patient.end()[0] == 1
     before = [path.read_bytes() for path in segments(patient.log)]

@@ -105,7 +105,7 @@ def test_a_place_is_held_by_whatever_path_it_is_reached(tmp_path: Path) -> None:
         pass
 
 
-def test_a_reader_does_not_go_on_in_another_runs_segment(tmp_path: Path) -> None:
+def test_a_reader_does_not_continue_in_another_runs_segment(tmp_path: Path) -> None:
     write(tmp_path / "run.000.mcap", 100, 5)
     tail = LogTail(tmp_path)
     assert [item.log_time_ns for item in tail.poll()] == [100, 101, 102, 103, 104]

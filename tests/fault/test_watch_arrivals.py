@@ -1,4 +1,4 @@
-"""Files that a microscope, a share or a hand spoils: text beside images, zeros, headers that come last, names that count backwards."""
+"""Files damaged by a microscope, a share or a user: sidecar texts, zeros, headers that come last, names that count backwards."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ def watched(tmp_path: Path) -> Callable[..., Watched]:
 
 
 def test_every_pattern_of_arrival_gets_its_verdict_once(tmp_path: Path) -> None:
-    told = measure(160, 2, tmp_path)
-    assert told["first_wrong"] == []
-    assert int(str(told["files"])) >= 160
+    figures = measure(160, 2, tmp_path)
+    assert figures["first_wrong"] == []
+    assert int(str(figures["files"])) >= 160
 
 
 def test_an_image_waits_for_the_text_that_its_vendor_writes(watched: Callable[..., Watched]) -> None:
@@ -92,7 +92,7 @@ def test_an_image_whose_text_never_comes_is_refused_and_taken_when_it_does(watch
     assert len(folder.files) == 1
 
 
-def test_a_text_that_comes_too_late_is_told(watched: Callable[..., Watched]) -> None:
+def test_a_text_that_comes_too_late_is_reported(watched: Callable[..., Watched]) -> None:
     folder, product = watched(), made(Vendor.JEOL)
     folder.write("a.tif", product.image)
     folder.wait(5)
@@ -144,7 +144,7 @@ def test_a_share_that_comes_back_with_an_old_list_costs_nothing(watched: Callabl
     assert folder.refused == []
 
 
-def test_numbers_that_are_missing_or_go_back_are_told(watched: Callable[..., Watched]) -> None:
+def test_missing_and_decreasing_numbers_are_reported(watched: Callable[..., Watched]) -> None:
     folder = watched()
     for seed, name in enumerate(("x_0001.tif", "x_0002.tif", "x_0005.tif", "x_0003.tif", "other.tif")):
         folder.write(name, made(Vendor.FEI, seed).image)
@@ -166,7 +166,7 @@ def test_texts_are_found_under_every_name_that_vendors_give_them() -> None:
     assert sidecar_names("tif") == ()
 
 
-def test_only_a_file_that_was_seen_to_come_tells_of_clocks(watched: Callable[..., Watched]) -> None:
+def test_only_a_file_observed_at_its_arrival_gives_clock_offsets(watched: Callable[..., Watched]) -> None:
     folder = watched()
     folder.write("a.tif", made(Vendor.FEI, 1).image)  # before the first look
     folder.wait(4)

@@ -1,4 +1,4 @@
-"""Names in the export folder that lead elsewhere, and another folder in its place: the watch goes on, and says what it leaves out."""
+"""Names in the export folder that lead elsewhere, and another folder in its place: the watch continues, and reports what it omits."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Watched:
 
 def test_links_to_kernel_files_and_devices_are_refused_and_other_files_are_taken(tmp_path: Path) -> None:
     watched = Watched(tmp_path).open()
-    # Reading /proc/kmsg blocks until the kernel says something; that of /dev/zero never ends; a FIFO waits for a writer.
+    # Reading /proc/kmsg blocks until the kernel logs something; that of /dev/zero never ends; a FIFO waits for a writer.
     os.symlink("/proc/kmsg", tmp_path / "a.tif")
     os.symlink("/dev/zero", tmp_path / "b.tif")
     os.mkfifo(tmp_path / "c.tif")
@@ -71,7 +71,7 @@ def test_links_to_kernel_files_and_devices_are_refused_and_other_files_are_taken
     assert "never became complete" in reasons["a.tif"]
 
 
-def test_a_read_that_does_not_return_is_named_and_others_go_on(tmp_path: Path) -> None:
+def test_a_read_that_does_not_return_is_named_and_others_continue(tmp_path: Path) -> None:
     go_on = threading.Event()
 
     def hangs(path: Path, size: int) -> bytes:
@@ -168,7 +168,7 @@ def test_another_days_folder_in_its_place_is_reported_and_nothing_is_taken_from_
     assert watched.refused == []
 
 
-def test_the_old_folder_put_back_goes_on_without_a_word(tmp_path: Path) -> None:
+def test_the_restored_folder_continues_without_a_message(tmp_path: Path) -> None:
     path = tmp_path / "export"
     path.mkdir()
     watched = Watched(path).open()

@@ -1,4 +1,4 @@
-"""File-system events wake the scan; where none arrive, or the observer fails, a note says so and the scan goes on alone."""
+"""File-system events wake the scan; where none arrive, or the observer fails, a note reports it and the scan continues alone."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .test_watch_at_once import exported
 
 
 class Observed:
-    """Events of a folder, and what was said of them."""
+    """Events of a folder, and the reports about them."""
 
     def __init__(self, folder: Path) -> None:
         self.woken, self.notices = threading.Event(), list[str]()
@@ -32,14 +32,14 @@ class Observed:
 
 @pytest.fixture
 def observe() -> Iterator[Callable[[Path], Observed]]:
-    begun: list[Observed] = []
+    received: list[Observed] = []
 
     def start(folder: Path) -> Observed:
-        begun.append(Observed(folder))
-        return begun[-1]
+        received.append(Observed(folder))
+        return received[-1]
 
     yield start
-    for observed in begun:
+    for observed in received:
         observed.events.close()
 
 
@@ -62,12 +62,12 @@ def test_events_wake_scans_that_would_come_in_a_minute_and_all_threads_end(tmp_p
             stream.write(data[1000:])
         assert came.acquire(timeout=30), number
     watcher.close()
-    left = [thread.name for thread in set(threading.enumerate()) - before if thread.name != "file-reader"]
-    assert left == []
+    remaining = [thread.name for thread in set(threading.enumerate()) - before if thread.name != "file-reader"]
+    assert remaining == []
     assert [file.data for file in files] == written
 
 
-def test_reading_a_file_wakes_nothing(tmp_path: Path, observe: Callable[[Path], Observed]) -> None:
+def test_reading_a_file_triggers_no_scan(tmp_path: Path, observe: Callable[[Path], Observed]) -> None:
     (tmp_path / "a.tif").write_bytes(image(1))
     observed = observe(tmp_path)
     (tmp_path / "a.tif").read_bytes()

@@ -24,7 +24,7 @@ from .by_hand import HandClock, image
 
 @dataclass
 class Watched:
-    """A watched folder and everything that was said about it."""
+    """A watched folder and all reports about it."""
 
     path: Path
     settings: WatchSettings
@@ -50,7 +50,7 @@ def watched(tmp_path: Path) -> Watched:
     return Watched(tmp_path, WatchSettings(tmp_path, stable_for_s=2.0, give_up_after_s=20.0)).open()
 
 
-def test_a_file_is_delivered_once_with_its_bytes_after_it_stood_still(watched: Watched) -> None:
+def test_a_file_is_delivered_once_with_its_bytes_after_it_was_unchanged(watched: Watched) -> None:
     (watched.path / "a.tif").write_bytes(image(1))
     watched.wait(1)
     assert watched.files == []
@@ -64,11 +64,11 @@ def test_a_file_is_delivered_once_with_its_bytes_after_it_stood_still(watched: W
     assert watched.refused == []
 
 
-def test_a_slowly_written_file_is_delivered_whole(watched: Watched) -> None:
+def test_a_slowly_written_file_is_delivered_complete(watched: Watched) -> None:
     data = image(1)
     for end in range(100, len(data), 300):
         (watched.path / "a.tif").write_bytes(data[:end])
-        watched.wait(3)  # stands still longer than stable_for_s, but is not whole
+        watched.wait(3)  # unchanged for longer than stable_for_s, but incomplete
     assert watched.files == []
     (watched.path / "a.tif").write_bytes(data)
     watched.wait(5)
@@ -130,7 +130,7 @@ def test_the_same_bytes_under_a_new_name_are_refused_by_name(watched: Watched) -
     assert refused.sha256 == watched.files[0].sha256
 
 
-def test_an_overwritten_file_is_told_once_and_never_taken_again(watched: Watched) -> None:
+def test_an_overwritten_file_is_reported_once_and_never_taken_again(watched: Watched) -> None:
     (watched.path / "a.tif").write_bytes(image(1))
     watched.wait(5)
     for end in (500, 1000, len(image(2))):
@@ -156,7 +156,7 @@ def test_files_from_before_are_no_files_of_this_run(tmp_path: Path) -> None:
     assert [(file.name, file.index) for file in adopting.files] == [("old.tif", 5)]
 
 
-def test_a_file_that_never_becomes_whole_is_refused_once_and_taken_if_it_does_later(watched: Watched) -> None:
+def test_an_incomplete_file_is_refused_once_and_taken_if_completed_later(watched: Watched) -> None:
     (watched.path / "a.tif").write_bytes(image(1)[:700])
     watched.wait(60)
     [refused] = watched.refused
@@ -178,7 +178,7 @@ def test_an_unreadable_file_is_refused_with_the_reason(watched: Watched) -> None
     assert [refused.name for refused in watched.refused] == ["b.tif"]
 
 
-def test_a_file_deleted_before_it_was_complete_is_told(watched: Watched) -> None:
+def test_a_file_deleted_before_it_was_complete_is_reported(watched: Watched) -> None:
     (watched.path / "a.tif").write_bytes(image(1)[:700])
     watched.wait(3)
     (watched.path / "a.tif").unlink()
@@ -186,7 +186,7 @@ def test_a_file_deleted_before_it_was_complete_is_told(watched: Watched) -> None
     assert "disappeared" in watched.refused[0].reason
 
 
-def test_a_missing_folder_is_one_sentence_and_a_vanishing_one_is_survived(tmp_path: Path) -> None:
+def test_a_missing_folder_gives_one_message_and_a_vanishing_one_is_survived(tmp_path: Path) -> None:
     with pytest.raises(BadConfig, match=r"export folder cannot be read.*sem\.folder"):
         Watched(tmp_path / "no", WatchSettings(tmp_path / "no")).open()
     path = tmp_path / "export"
@@ -261,7 +261,7 @@ def test_a_share_that_numbers_its_files_again_has_nothing_refused_again(tmp_path
     assert len(watched.refused) == 1
 
 
-def test_a_dead_watch_is_known(tmp_path: Path) -> None:
+def test_a_dead_watch_is_detected(tmp_path: Path) -> None:
     def break_down(file: ExportedFile) -> None:
         raise RuntimeError(file.name)
 

@@ -21,8 +21,8 @@ from .by_hand import HandClock, image
 FILES, PICTURE = 600, image(1)
 
 
-def test_it_remembers_as_a_dictionary_does_beyond_its_room() -> None:
-    rng, known = np.random.default_rng(1), FileRegistry(room=16)
+def test_the_registry_equals_a_dictionary_beyond_its_capacity() -> None:
+    rng, registry = np.random.default_rng(1), FileRegistry(room=16)
     files: dict[str, RegisteredFile] = {}
     for number in range(2000):
         name = f"{'ä' * int(rng.integers(0, 60))}{rng.integers(0, 500)}.tif"
@@ -31,33 +31,33 @@ def test_it_remembers_as_a_dictionary_does_beyond_its_room() -> None:
         )
         if (before := files.get(name)) is not None:
             one = replace(before, state=one.state, overwritten=not before.overwritten)
-        known.put(name, one)
+        registry.put(name, one)
         files[name] = one
-        assert known.get(name) == one
-    assert len(known) == len(files)
-    assert {name: known.get(name) for name in files} == files
-    assert all(known.is_unchanged(name, one.state) and not known.is_unchanged(name, (1, 2, 3)) for name, one in files.items())
-    assert known.get("other.tif") is known.is_unchanged("other.tif", (1, 2, 3)) is None
+        assert registry.get(name) == one
+    assert len(registry) == len(files)
+    assert {name: registry.get(name) for name in files} == files
+    assert all(registry.is_unchanged(name, one.state) and not registry.is_unchanged(name, (1, 2, 3)) for name, one in files.items())
+    assert registry.get("other.tif") is registry.is_unchanged("other.tif", (1, 2, 3)) is None
     for name, one in files.items():
-        twin = known.same_content(one.sha256) if one.sha256 else name
+        twin = registry.same_content(one.sha256) if one.sha256 else name
         assert twin is not None
         assert name.startswith(twin)
-    assert known.same_content("00" * 31 + "01") is None
+    assert registry.same_content("00" * 31 + "01") is None
 
 
 def test_names_that_are_no_text_and_what_became_of_files() -> None:
-    known = FileRegistry(room=16)
+    registry = FileRegistry(room=16)
     name = os.fsdecode(b"a\xff.tif") if os.name == "posix" else "a.tif"
     sha256 = hashlib.sha256(b"1").hexdigest()
-    known.put(name, RegisteredFile((1, 2, 3), 7, sha256))
-    assert known.get(name) == RegisteredFile((1, 2, 3), 7, sha256)
-    assert known.same_content(sha256) == name.encode("utf-8", "backslashreplace").decode()
-    told = [RegisteredFile((1, 2, 3), export).description for export in (7, PREEXISTING, DUPLICATE)]
-    assert told == ["was taken as export 7", "was there before the run", "was refused as a copy"]
+    registry.put(name, RegisteredFile((1, 2, 3), 7, sha256))
+    assert registry.get(name) == RegisteredFile((1, 2, 3), 7, sha256)
+    assert registry.same_content(sha256) == name.encode("utf-8", "backslashreplace").decode()
+    descriptions = [RegisteredFile((1, 2, 3), export).description for export in (7, PREEXISTING, DUPLICATE)]
+    assert descriptions == ["was taken as export 7", "was there before the run", "was refused as a copy"]
 
 
 def test_a_folder_takes_no_more_memory_for_more_files(tmp_path: Path) -> None:
-    """Each took 0.6 kB for good, and 0.4 kB more at every scan."""
+    """Each took 0.6 kB permanently, and 0.4 kB more at every scan."""
     clock, taken = HandClock(), [0]
     settings = WatchSettings(tmp_path, sidecar_timeout_s=2.0)
     folder = ExportFolder(settings, clock, lambda file: taken.append(taken.pop() + 1), print, print)
@@ -85,16 +85,16 @@ def test_a_folder_takes_no_more_memory_for_more_files(tmp_path: Path) -> None:
     tracemalloc.start(5)
     try:
         come(FILES)
-        kept = tracemalloc.take_snapshot().filter_traces([here, interned]).statistics("filename")
+        allocations = tracemalloc.take_snapshot().filter_traces([here, interned]).statistics("filename")
         most = min(at_a_scan() for _ in range(5))
     finally:
         tracemalloc.stop()
     assert taken == [2 * FILES]
-    assert sum(one.size for one in kept) < 20 * FILES
+    assert sum(one.size for one in allocations) < 20 * FILES
     assert most < 20 * FILES
 
 
-def test_kinds_of_names_are_forgotten() -> None:
+def test_kinds_of_names_are_evicted() -> None:
     names = FileNumbering()
     names.check_gap("a1.tif")
     for minute in range(5000):

@@ -1,4 +1,4 @@
-"""A file that another program still has open: it is waited for and never refused for that. What Windows tells is emulated elsewhere."""
+"""A file that another program still has open: it is waited for and never refused for that. The report of Windows is emulated elsewhere."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from .by_hand import HandClock, image
 
 @dataclass
 class Watched:
-    """A folder whose system tells who has which file open."""
+    """A folder whose system reports who has which file open."""
 
     path: Path
     held: set[str] = field(default_factory=set)
     clock: HandClock = field(default_factory=HandClock)
     files: list[ExportedFile] = field(default_factory=list)
     refused: list[RejectedFile] = field(default_factory=list)
-    said: list[str] = field(default_factory=list)
+    reports: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         settings = WatchSettings(self.path, stable_for_s=2.0, give_up_after_s=20.0)
-        said = self.said.append
+        reports = self.reports.append
         self.folder = ExportFolder(
-            settings, self.clock, self.files.append, self.refused.append, said, said, lambda path: path.name in self.held
+            settings, self.clock, self.files.append, self.refused.append, reports, reports, lambda path: path.name in self.held
         )
         self.folder.open()
 
@@ -41,12 +41,12 @@ class Watched:
         self.folder.poll()
 
 
-def test_a_whole_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) -> None:
+def test_a_complete_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) -> None:
     item = Watched(tmp_path, {"a.tif"})
     (tmp_path / "a.tif").write_bytes(image(1))
     item.wait(100)
     assert (item.files, item.refused) == ([], [])
-    (notice,) = item.said
+    (notice,) = item.reports
     assert notice.startswith("a.tif: another program has had it open for 2")
     assert notice.endswith("it is taken when that lets go of it.")
     item.held.clear()
@@ -55,7 +55,7 @@ def test_a_whole_file_is_not_taken_while_its_writer_has_it_open(tmp_path: Path) 
     assert item.refused == []
 
 
-def test_what_the_system_reports_of_a_held_file_is_known() -> None:
+def test_a_file_that_the_system_reports_as_open_is_recognised() -> None:
     assert is_locked_error(OSError(errno.EBUSY, "busy"))
     assert is_locked_error(OSError(errno.ETXTBSY, "text file busy"))
     assert not is_locked_error(OSError(errno.EACCES, "permission denied"))

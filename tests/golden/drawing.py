@@ -68,7 +68,7 @@ def _curve(first: tuple[float, float], second: tuple[float, float], bend: float)
 
 
 def _edge(centre: tuple[float, float], target: tuple[float, float]) -> tuple[float, float]:
-    """Point at which the line from the centre of a box towards a target leaves the box."""
+    """Intersection of a box with the line from its centre towards a target."""
     dx, dy = target[0] - centre[0], target[1] - centre[1]
     scale = min(BOX_PX[0] / 2 / abs(dx) if dx else math.inf, BOX_PX[1] / 2 / abs(dy) if dy else math.inf)
     return centre[0] + dx * scale, centre[1] + dy * scale

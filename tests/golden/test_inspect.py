@@ -1,6 +1,6 @@
 """What `semlive inspect --json` prints, held to the letter.
 
-Run ``python tests/golden/test_inspect.py`` to write it anew after a deliberate change; it may only ever be extended.
+Run ``python tests/golden/test_inspect.py`` to write it again after a deliberate change; it may only ever be extended.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ GOLDEN = Path(__file__).with_name("log_schemas.json")
 def golden_text() -> str:
     """The golden file as it should be now.
 
-    After a change that was meant, write it anew and read its difference before it is committed::
+    After a deliberate change, write it again and read its difference before it is committed::
 
         python tests/golden/test_log_schemas.py
     """

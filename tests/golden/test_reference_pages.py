@@ -1,6 +1,6 @@
-"""docs/reference/cli.md and docs/reference/configuration.md, held to the commands and to the configuration's own words.
+"""docs/reference/cli.md and docs/reference/configuration.md, compared with the commands and the texts of the configuration.
 
-Run ``python tests/golden/test_reference_pages.py`` to write them anew after a deliberate change.
+Run ``python tests/golden/test_reference_pages.py`` to write them again after a deliberate change.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ def _flowed(*lines: str) -> list[str]:
 
 
 def cli_page() -> str:
-    """Every command with its arguments and options, as it tells them itself."""
+    """Every command with its arguments and options, from its own help."""
     parts = _flowed(
         "# Commands\n",
         "This page is generated from the commands (`tests/golden/test_reference_pages.py`). `semlive COMMAND --help` prints the same.\n",
@@ -303,7 +303,7 @@ def _type(hint: Any) -> str:
 
 
 def _attribute_words(cls: type) -> dict[str, str]:
-    """What a class says of its attributes: under ``Attributes:``, or by the string below each."""
+    """Texts of a class on its attributes: under ``Attributes:``, or by the string below each."""
     found: dict[str, str] = {}
     for match in re.finditer(
         r"^    (\w+): (.*?)(?=^    \w+: |\Z)", inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2], re.M | re.S

@@ -1,4 +1,4 @@
-"""The pixels of the scenarios that come along are fixed: whoever changes one of them says so here."""
+"""The pixels of the scenarios that come along are fixed: a deliberate change of one of them is stated here."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PULLED = Motion(
         ("short", "b7f97cb6759094e0ad0a8d5c39ceb0b1a70a8a6b3be6a7c693d3a74e91cc5db8"),
     ],
 )
-def test_a_whole_frame_has_the_same_pixels_as_ever(name: str, digest: str) -> None:
+def test_a_complete_frame_has_its_recorded_pixels(name: str, digest: str) -> None:
     image = render_frame(load_scenario(name), 302.5, PULLED, frame=3)
     assert (image.shape, image.dtype) == ((884, 1024), np.uint8)
     assert hashlib.sha256(image.tobytes()).hexdigest() == digest

@@ -32,7 +32,7 @@ def gradients(hole: EllipticHole, x: NDArray[np.float64], y: NDArray[np.float64]
 
 
 def stresses(hole: EllipticHole, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Whole plane stress over p, (2, 2, n): far tension along y and the hole."""
+    """Total plane stress over p, (2, 2, n): far tension along y and the hole."""
     gradient = gradients(hole, x, y)
     exx, eyy = gradient[0, 0] - NU, gradient[1, 1] + 1.0
     shear = (gradient[0, 1] + gradient[1, 0]) / (2 * (1 + NU))
@@ -91,7 +91,7 @@ GRAINS = {"defaults": "x200", "grain_px": 25.0}
 
 
 @pytest.mark.parametrize("chosen", [{"hole": HOLE}, {"notch": NOTCH}, {"grain_strain": GRAINS}, {"hole": HOLE, "grain_strain": GRAINS}])
-def test_the_picture_shows_each_point_where_the_truth_reports_it_went(chosen: dict[str, object]) -> None:
+def test_the_image_shows_each_point_at_its_true_position(chosen: dict[str, object]) -> None:
     world, force = dataclasses.replace(scene(), effects=build_effects(chosen)), 1500.0
     motion = at_rest((1.3, -0.7), world.specimen.gradient(force), force)
     column = world.column()
@@ -99,10 +99,10 @@ def test_the_picture_shows_each_point_where_the_truth_reports_it_went(chosen: di
     planes = world.effects.material_px(x_px, y_px, at)
     centre = world.scan.centre_px
     gradient = motion.gradient[0]
-    for axis, seen_px in enumerate((x_px, y_px)):
-        forward = seen_px + motion.shift_px[0, axis] + sum(plane[axis] for plane in planes)
+    for axis, image_px in enumerate((x_px, y_px)):
+        forward = image_px + motion.shift_px[0, axis] + sum(plane[axis] for plane in planes)
         forward = forward + gradient[axis, 0] * (x_px - centre[0]) + gradient[axis, 1] * (y_px - centre[1])
-        address = np.broadcast_to((at.x_px, at.y_px)[axis], seen_px.shape)
+        address = np.broadcast_to((at.x_px, at.y_px)[axis], image_px.shape)
         beam = address - column.distortion_px[axis] - world.drift.at(at.time_s)[..., axis]
         there = ~world.effects.absent(x_px, y_px, at)
         assert there.mean() > 0.6
@@ -129,7 +129,7 @@ def test_the_truth_holds_the_field_and_its_mean() -> None:
     assert plain["strain"]["eyy"] == pytest.approx(far_strain)
 
 
-def test_a_charged_grain_bends_the_picture_and_strains_nothing() -> None:
+def test_a_charged_grain_distorts_the_image_and_strains_nothing() -> None:
     lens, force = {"defaults": "x10000", "grains_px": [[80.0, 60.0]]}, 1500.0
     motion = at_rest((0.0, 0.0), scene().specimen.gradient(force), force)
     plain, charged = (
@@ -140,7 +140,7 @@ def test_a_charged_grain_bends_the_picture_and_strains_nothing() -> None:
     assert both == frame_truth(scene(hole=HOLE), "a.tif", 0, 3000.0, motion, force, moving=False)
 
 
-def test_a_hole_is_dark_and_a_notch_reaches_the_left_edge() -> None:
+def test_a_hole_is_dark_and_a_notch_reaches_its_edge_of_the_frame() -> None:
     holed = render_frame(scene(hole=HOLE), 0.0) / 256.0
     assert holed[55:65, 75:85].max() < 13.0
     notched = render_frame(scene(notch=NOTCH), 0.0) / 256.0
@@ -207,7 +207,7 @@ def test_grains_are_voronoi_cells() -> None:
     assert 0.01 < (np.abs(soft - found) > 1e-9).mean() < 0.3
 
 
-def test_grains_look_different_in_the_picture() -> None:
+def test_grains_look_different_in_the_image() -> None:
     plain, grains = (
         render_frame(scene()) / 256.0,
         render_frame(scene(grain_contrast={"defaults": "x200", "width_px": 40.0, "length_px": 60.0})),

@@ -75,7 +75,7 @@ def displaced(ellipse: Ellipse, grain_px: float, x: float, y: float) -> complex:
     return FAR_STRAIN * opened(ellipse, x, y) + complex(-0.5 * size * across, size * along)
 
 
-def point_seen(world: Scenario, w: Callable[[float, float], complex], x: int, y: int, visit: int) -> complex:
+def imaged_point(world: Scenario, w: Callable[[float, float], complex], x: int, y: int, visit: int) -> complex:
     """From the centre; solved by repetition until nothing changes any more."""
     scan = world.scan
     time_s = START_S + (visit * scan.height_px + y) * scan.frame_time_s / scan.height_px + x * scan.dwell_time_s
@@ -110,14 +110,14 @@ def test_the_beam_looks_where_brute_force_reports(name: str, opening: str, ellip
         for _ in range(30):
             # half of them where the opening's edge is, wherever drift and shift have carried it
             x, y = choice.randrange(1024) if choice.random() < 0.5 else choice.randrange(250, 420), choice.randrange(4)
-            expected = point_seen(world, lambda a, b: displaced(ellipse, grain_px, a, b), x, first + y, visit)
+            expected = imaged_point(world, lambda a, b: displaced(ellipse, grain_px, a, b), x, first + y, visit)
             near += abs(conformal(ellipse, expected.real, expected.imag)[0]) < 1.1
             worst = max(worst, abs(complex(x_px[y, x], y_px[y, x]) - complex(511.5, 441.5) - expected))
     assert near > 10
     assert worst < 1e-4  # found: 4.3e-7 px at most
 
 
-def test_strips_of_a_deformed_specimen_are_the_whole_frame_to_the_last_bit() -> None:
+def test_strips_of_a_deformed_specimen_equal_the_complete_frame_to_the_last_bit() -> None:
     world = load_scenario("paper_x200")
     scan = dataclasses.replace(world.scan, width_px=203, height_px=75, frame_time_s=75 * world.scan.row_time_s)
     chosen = build_effects(dict.fromkeys(("hole", "notch", "grain_strain", "grain_contrast"), "x200"))

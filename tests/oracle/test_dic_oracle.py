@@ -79,7 +79,7 @@ def solved():
 
 
 @pytest.fixture(scope="module")
-def solved_quiet():
+def solved_low_noise():
     return solved_pair(noise=0.0)
 
 
@@ -166,9 +166,9 @@ def test_solution_solves_its_equations_at_large_deformation():
 
 
 @pytest.mark.parametrize(("i", "j"), POI)
-def test_solution_is_the_least_squares_match(solved_quiet, i, j):
+def test_solution_is_the_least_squares_match(solved_low_noise, i, j):
     # Without noise only: with it the least-squares match itself is drawn to half pixels, where interpolation smooths most.
-    first, second, grid, _, solutions = solved_quiet
+    first, second, grid, _, solutions = solved_low_noise
     f, _, deformed = subset_of(first, second, grid, i, j)
     start = np.round(solutions.parameters[j, i], 2)
     best = optimize.least_squares(lambda p: (normalised(f) - normalised(deformed(p))).ravel(), start, x_scale="jac", xtol=1e-12, ftol=1e-12)
@@ -202,7 +202,7 @@ def test_noise_passed_by_interpolation_is_what_noise_shows():
         shifted = ndimage.shift(noise, phase, order=3, mode="mirror")
         zero = np.zeros(1)
         assert interpolation_noise_gain(np.array([phase]), zero, zero, 43)[0] == pytest.approx(np.var(shifted), rel=0.01)
-    # A stretch of a whole pixel over the subset meets every phase alike.
+    # A stretch of one pixel over the subset covers every phase equally.
     everywhere = interpolation_noise_gain(np.array([0.3]), np.array([1.0 / 43.0]), np.zeros(1), 43)[0]
     assert everywhere == pytest.approx(
         np.mean(interpolation_noise_gain(np.linspace(0.0, 1.0, 64, endpoint=False), np.zeros(64), np.zeros(64), 43))

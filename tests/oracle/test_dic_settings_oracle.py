@@ -156,12 +156,12 @@ def test_solution_solves_its_equations(interpolation, shape_function, masked):
         assert solutions.curvatures is not None
         p, bend = solutions.parameters[j, i], solutions.curvatures[j, i]
         ours = np.concatenate([p[:3], p[3:]] if used == 3 else [p[:3], bend[:3], p[3:], bend[3:]])
-        known = np.concatenate([np.arange(min(used, 6)), used + np.arange(min(used, 6))])
-        ours *= lever[known]
-        start = np.bincount(known, np.round(ours, 1), 2 * used)
+        columns = np.concatenate([np.arange(min(used, 6)), used + np.arange(min(used, 6))])
+        ours *= lever[columns]
+        start = np.bincount(columns, np.round(ours, 1), 2 * used)
         found = optimize.root(equations, start, method="hybr", tol=1e-12)
         assert np.max(np.abs(equations(found.x))) < 1e-9 * np.linalg.norm(derivatives[0])
-        assert np.max(np.abs(found.x[known] - ours)) < 4e-5
+        assert np.max(np.abs(found.x[columns] - ours)) < 4e-5
         zncc = np.sum(normalised(f) * normalised(deformed(found.x / lever)))
         assert solutions.zncc[j, i] == pytest.approx(zncc, abs=1e-6)
         # the factored matrix is the plain one (Sobel scaled by one gain each way)

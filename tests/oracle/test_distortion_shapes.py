@@ -1,4 +1,4 @@
-"""Distortions with a name do what the paper says of its Fig. 11: their ranges, and what a translation by 5 px makes of them (Fig. 16)."""
+"""Named distortions agree with the paper's Fig. 11: their ranges, and the effect of a translation by 5 px (Fig. 16)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_translation_makes_the_papers_strain_errors_of_them(name: str) -> None
     assert strain_errors(name, 8.0)["eyy"].max() > 9e-4
 
 
-def test_lines_settle_from_the_left_and_frames_from_the_top() -> None:
+def test_rows_settle_along_x_and_frames_settle_along_y() -> None:
     for shape in SHAPES.values():
         for axis in (shape.x, shape.y):
             assert axis.left_px != 0
@@ -49,11 +49,11 @@ def test_lines_settle_from_the_left_and_frames_from_the_top() -> None:
     x_px = np.array([0.0, 0.12 * 1023, 1023.0])
     axis = SHAPES["fig11_x10000"].y
     X = 2 * x_px / 1023 - 1
-    left = axis.left_px * np.exp(-(X + 1) / (2 * axis.left_reach))
-    np.testing.assert_allclose(left[:2], [0.5, 0.5 / np.e], rtol=1e-12)
+    settling = axis.left_px * np.exp(-(X + 1) / (2 * axis.left_reach))
+    np.testing.assert_allclose(settling[:2], [0.5, 0.5 / np.e], rtol=1e-12)
 
 
-def test_a_scenario_names_one_and_hears_of_a_wrong_name(tmp_path) -> None:
+def test_a_scenario_names_a_shape_and_an_unknown_name_is_refused(tmp_path) -> None:
     assert load_scenario("paper_x10000").distortion == SHAPES["fig11_x10000"]
     assert load_scenario("paper_x200_fig11").distortion == SHAPES["fig11_x200"]
     path = tmp_path / "odd.yaml"

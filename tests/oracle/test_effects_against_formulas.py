@@ -1,4 +1,4 @@
-"""Every effect that moves the image, against its formula written down once more, pixel by pixel in plain Python."""
+"""Every effect that moves the image, against its formula written independently, pixel by pixel in plain Python."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def load_transient(p: Any, x: float, y: float, t: float) -> tuple[float, float]:
 
 def stage_transient(p: Any, x: float, y: float, t: float) -> tuple[float, float]:
     parts = [(move.change_px, p.fraction * math.exp(-(t - move.time_s) / p.time_constant_s)) for move in happened(t, MOVES)]
-    return sum(m[0] * left for m, left in parts), sum(m[1] * left for m, left in parts)
+    return sum(m[0] * share for m, share in parts), sum(m[1] * share for m, share in parts)
 
 
 def nonlinear(p: Any, x: float, y: float, t: float) -> tuple[float, float]:
@@ -236,17 +236,17 @@ def test_the_image_moves_by_the_formula(name: str, magnification: str) -> None:
     scenario = calm(**{name: SPECIAL.get(name, magnification)})
     (effect,) = scenario.effects.members
     errors, sizes = [], []
-    for x, y, seen_x, seen_y, time_s, in_frame_s in points(scenario):
+    for x, y, image_x, image_y, time_s, in_frame_s in points(scenario):
         assert in_frame_s == pytest.approx(y * ROW_S + x * DWELL_S, abs=1e-9)
-        where = (x, y) if name in RASTER else (seen_x, seen_y)
+        where = (x, y) if name in RASTER else (image_x, image_y)
         u, v = (RASTER | MATERIAL)[name](effect, *where, time_s)
-        errors.append(math.hypot(x - seen_x - u, y - seen_y - v))
+        errors.append(math.hypot(x - image_x - u, y - image_y - v))
         sizes.append(math.hypot(u, v))
     assert max(sizes) > 1e-6
     assert max(errors) < min(1e-4, 1e-7 + 0.01 * max(sizes))  # some are tiny in so small a frame
 
 
-def test_no_effect_is_forgotten() -> None:
+def test_every_effect_is_covered() -> None:
     silent = {"timestamp_offset", "load_cell_zero", "load_cell_gain", "load_cell_drift", "load_frame_compliance", "friction_hysteresis"}
     grey = {"contamination", "gamma_change", "poisson_noise", "dic_subpixel_bias"}
     retiming = {name for name, kind in LIBRARY.items() if issubclass(kind, TimingEffect)}
@@ -257,9 +257,9 @@ def test_distortion_grows_with_time() -> None:
     paper = load_scenario("paper_x200")
     scenario = dataclasses.replace(calm(distortion_scale_drift="x200"), distortion=paper.distortion)
     (effect,) = scenario.effects.members
-    for x, y, seen_x, seen_y, time_s, _ in points(scenario):
+    for x, y, image_x, image_y, time_s, _ in points(scenario):
         bend = paper.distortion.at(x, y, W, H) * (1 + rising(effect, effect.change, time_s))  # type: ignore[attr-defined]
-        assert math.hypot(x - seen_x - bend[0], y - seen_y - bend[1]) < 1e-4
+        assert math.hypot(x - image_x - bend[0], y - image_y - bend[1]) < 1e-4
 
 
 TIMES: dict[str, Callable[[Any, int, int, int], float]] = {
@@ -293,22 +293,22 @@ def test_pixels_are_visited_at_the_times_of_the_formula(name: str) -> None:
 
 def test_hum_has_the_overtones_it_is_given() -> None:
     hum = {"defaults": "x10000", "harmonics": [[2, 0.3], [3, -0.5]]}
-    for x, y, seen_x, seen_y, time_s, _ in points(calm(mains_hum=hum)):
+    for x, y, image_x, image_y, time_s, _ in points(calm(mains_hum=hum)):
         angle = 2 * math.pi * 50.0 * time_s + 0.4
         wave = math.sin(angle) + 0.3 * math.sin(2 * angle) - 0.5 * math.sin(3 * angle)
-        assert math.hypot(x - seen_x - 0.5 * wave, y - seen_y - 0.25 * wave) < 1e-4
+        assert math.hypot(x - image_x - 0.5 * wave, y - image_y - 0.25 * wave) < 1e-4
 
 
 def test_two_effects_add_up() -> None:
     scenario = calm(magnification_drift="x200", mains_hum="x10000", charging_local_lens="x10000", warmup_transient="x200")
     by_name: dict[str, Effect] = {member.name: member for member in scenario.effects.members}
-    for x, y, seen_x, seen_y, time_s, _ in points(scenario):
+    for x, y, image_x, image_y, time_s, _ in points(scenario):
         hum = RASTER["mains_hum"](by_name["mains_hum"], x, y, time_s)
         grown = RASTER["magnification_drift"](by_name["magnification_drift"], x - hum[0], y - hum[1], time_s)
         warm = RASTER["warmup_transient"](by_name["warmup_transient"], x, y, time_s)
-        bent = MATERIAL["charging_local_lens"](by_name["charging_local_lens"], seen_x, seen_y, time_s)
+        bent = MATERIAL["charging_local_lens"](by_name["charging_local_lens"], image_x, image_y, time_s)
         u, v = (sum(part) for part in zip(hum, grown, warm, bent, strict=True))
-        assert math.hypot(x - seen_x - u, y - seen_y - v) < 1e-4
+        assert math.hypot(x - image_x - u, y - image_y - v) < 1e-4
 
 
 def test_what_shakes_the_beam_is_averaged_by_integration() -> None:
@@ -326,7 +326,7 @@ def test_what_shakes_the_beam_is_averaged_by_integration() -> None:
                 assert at.visit == visit
 
 
-def test_strips_see_what_the_whole_frame_sees() -> None:
+def test_effects_in_strips_equal_those_in_the_complete_frame() -> None:
     every = {name: "x200" for name in LIBRARY if name != "dic_subpixel_bias"}
     column = calm(**every).column()
     motion = at_rest(load_n=LOAD_N, history=HISTORY)

@@ -28,10 +28,10 @@ PHASES = (Phase.CALIBRATION, Phase.CALIBRATION, Phase.TRANSLATION, Phase.TENSION
 
 
 def when(frame: int, start_s: float, scans: int = 1) -> FrameTime:
-    def known(value: float) -> Sourced[float]:
+    def from_config(value: float) -> Sourced[float]:
         return Sourced(value, Provenance.CONFIG)
 
-    return FrameTime(frame, start_s, ScanTiming(known(1e-4), known(0.05), known(12.0), Sourced(scans, Provenance.CONFIG)))
+    return FrameTime(frame, start_s, ScanTiming(from_config(1e-4), from_config(0.05), from_config(12.0), Sourced(scans, Provenance.CONFIG)))
 
 
 def random_map(rng: np.random.Generator, reference: int, current: int, masked: float = 0.1) -> DisparityMap:
@@ -108,7 +108,7 @@ def test_updates_equal_one_dense_least_squares(scans: int) -> None:
 
 
 def test_relinearised_sums_equal_sums_about_the_same_point() -> None:
-    """Re-linearising touches only the motions' rows and columns; summing everything anew must give the same."""
+    """Re-linearising touches only the motions' rows and columns; summing everything again must give the same."""
     state = accumulated()
     about = np.random.default_rng(3).normal(size=state.layout.size)
     quick = relinearise(state, about)
@@ -119,7 +119,7 @@ def test_relinearised_sums_equal_sums_about_the_same_point() -> None:
     assert not np.allclose(quick.precision, state.precision)
 
 
-def test_update_leaves_the_old_state_alone() -> None:
+def test_update_does_not_change_the_old_state() -> None:
     state = accumulated()
     before = state.precision.copy(), state.information.copy(), state.reference.coupling.copy()
     rng = np.random.default_rng(1)
@@ -129,7 +129,7 @@ def test_update_leaves_the_old_state_alone() -> None:
         np.testing.assert_array_equal(old, now)
 
 
-def test_gross_errors_of_single_points_are_left_out() -> None:
+def test_gross_errors_of_single_points_are_excluded() -> None:
     grid = replace(GRID, step_px=5, nx=40, ny=32)
     rng = np.random.default_rng(5)
     clean = rng.normal(3.0, 0.02, grid.shape) + 0.01 * np.arange(grid.nx)

@@ -78,7 +78,7 @@ def visit_s(world: Scenario, x: int, y: int, visit: int) -> float:
     return rows_before * row_s + (scan.width_px - 1 - x if backwards else x) * scan.dwell_time_s
 
 
-def point_seen(
+def imaged_point(
     world: Scenario, motion: Motion, jump_s: float, drift: Callable[[float], list[float]], x: int, y: int, visit: int
 ) -> list[float]:
     scan, time_s = world.scan, START_S + visit_s(world, x, y, visit)
@@ -107,7 +107,7 @@ def test_every_visit_looks_where_it_should_when_everything_happens_at_once(mode:
             x_px, y_px, _ = column.specimen_points(range(first, first + 4), visit, START_S, motion, FRAME)
             for _ in range(25):
                 x, y = choice.randrange(scan.width_px), choice.randrange(4)
-                expected = point_seen(world, motion, jump_s, drift, x, first + y, visit)
+                expected = imaged_point(world, motion, jump_s, drift, x, first + y, visit)
                 worst = max(worst, math.hypot(x_px[y, x] - expected[0], y_px[y, x] - expected[1]))
     assert worst < 1e-4  # found: 6e-6 px at x200, 1.2e-8 px at x10,000, where a row is too short for anything to bend
 
@@ -134,7 +134,7 @@ def film_at(film: GoldFilm, x: float, y: float) -> float:
     return 6 * t**5 - 15 * t**4 + 10 * t**3
 
 
-def test_an_integrated_frame_of_film_is_the_mean_of_what_each_visit_saw() -> None:
+def test_an_integrated_frame_of_film_is_the_mean_over_its_visits() -> None:
     world, _, jump_s = busy("paper_x10000", {})
     scan = dataclasses.replace(world.scan, width_px=40, height_px=24, frame_time_s=24 * world.scan.row_time_s * 30)
     detector = dataclasses.replace(world.detector, read_noise=0.0, shot_noise=0.0, bits=16)
@@ -149,13 +149,13 @@ def test_an_integrated_frame_of_film_is_the_mean_of_what_each_visit_saw() -> Non
             observed = []
             for visit in range(16):
                 time_s = START_S + visit_s(world, x, y, visit)
-                point = point_seen_unstrained(world, drift, jump_s, time_s, x, y, (time_s - START_S) / scan.duration_s)
+                point = imaged_point_unstrained(world, drift, jump_s, time_s, x, y, (time_s - START_S) / scan.duration_s)
                 observed.append(film_at(film, *point))
             grey = detector.offset + detector.gain * sum(observed) / 16
             assert image[y, x] == pytest.approx(grey, abs=0.01)  # rounding of 16 bit is 0.002; 1e-4 px on an edge of 30 levels per px 0.003
 
 
-def point_seen_unstrained(
+def imaged_point_unstrained(
     world: Scenario, drift: Callable[[float], list[float]], jump_s: float, time_s: float, x: int, y: int, part: float
 ) -> tuple[float, float]:
     ex, ey = world.distortion.at(x, y, world.scan.width_px, world.scan.height_px)

@@ -31,7 +31,7 @@ def steady_motion() -> Motion:
     return Motion(np.array([0.0, 100.0]), np.array([[0.0, 0.0], [160.0, -90.0]]), np.stack([np.zeros((2, 2)), 10 * rate]))
 
 
-def seen_points(scenario: Scenario, start_s: float, motion: Motion) -> NDArray[np.float64]:
+def imaged_points(scenario: Scenario, start_s: float, motion: Motion) -> NDArray[np.float64]:
     """Material point of every pixel, each at its own time, solved from the forward model: (height, width, 2)."""
     scan = scenario.scan
     points = np.empty((scan.height_px, scan.width_px, 2))
@@ -86,9 +86,9 @@ def gold_at(speckle: Speckle, point: NDArray[np.float64]) -> float:
 @pytest.mark.parametrize(
     ("start_s", "motion"), [(0.0, at_rest()), (5.0, steady_motion()), (4000.0, at_rest((-37.2, 21.9), [[0, 1e-4], [-1e-4, 3e-3]]))]
 )
-def test_every_pixel_sees_the_point_of_its_own_time_and_place(start_s: float, motion: Motion) -> None:
+def test_every_pixel_images_the_point_of_its_own_time_and_place(start_s: float, motion: Motion) -> None:
     scenario = small()
-    expected = seen_points(scenario, start_s, motion)
+    expected = imaged_points(scenario, start_s, motion)
     assert np.abs(kernel_points(scenario.column(), start_s, motion) - expected).max() < 1e-4
     image = render_frame(scenario, start_s, motion)
     grey = np.array([[gold_at(scenario.speckle, expected[y, x]) for x in range(96)] for y in range(64)])
@@ -97,7 +97,7 @@ def test_every_pixel_sees_the_point_of_its_own_time_and_place(start_s: float, mo
     assert np.abs(image - grey).max() < 0.5 + 0.005
 
 
-def test_a_shift_to_the_right_moves_the_picture_to_the_right() -> None:
+def test_a_shift_to_the_right_moves_the_image_to_the_right() -> None:
     scenario = small()
     flat = dataclasses.replace(scenario.distortion.x, constant_px=0, xx_px=0, xy_px=0, yy_px=0, wave_px=0)
     calm = dataclasses.replace(scenario.drift.x, warmup_px=0, linear_px_s=0, quadratic_px_s2=0)

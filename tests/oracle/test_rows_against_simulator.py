@@ -37,7 +37,7 @@ def test_jitter_of_the_simulated_scan_is_found_as_such():
     assert jitter.sd_v_px < 0.5 * jitter.sd_u_px
 
 
-def test_hum_of_the_simulated_scan_is_seen_at_its_frequency():
+def test_hum_of_the_simulated_scan_is_found_at_its_frequency():
     scan, (first, second) = pair(MainsHum(0.05, 0.0, HUM_HZ, 0.4))
     shifts = registered(first, second)
     power = np.abs(np.fft.rfft(shifts.u_px - shifts.u_px.mean()))

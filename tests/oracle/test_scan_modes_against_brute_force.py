@@ -102,7 +102,7 @@ def test_general_and_fast_way_agree_pixel_by_pixel() -> None:
     assert np.abs(fast.astype(int) - slow).max() <= 1
 
 
-def test_sixteen_bits_are_the_same_picture_in_finer_steps() -> None:
+def test_sixteen_bits_are_the_same_image_in_finer_steps() -> None:
     coarse, fine = render_frame(scenario(bits=8)), render_frame(scenario(bits=16))
     assert (coarse.dtype, fine.dtype) == (np.uint8, np.uint16)
     assert np.abs(fine / 256.0 - coarse).max() <= 0.5 + 1 / 256

@@ -34,7 +34,7 @@ def info(scenario: Scenario, number: int) -> FrameInfo:
     return FrameInfo(number, f"{number}.tif", "fei", scan.width_px, scan.height_px, 0, timing, start, 0.0, Sourced(1e-6, file))
 
 
-def told(scenario: Scenario) -> Truth:
+def recorded_truth(scenario: Scenario) -> Truth:
     stored = Kept(scenario, START_NS)
     for number, motion in enumerate(MOTIONS):
         start_ns = START_NS + round(STARTS_S[number] * 1e9)
@@ -60,7 +60,7 @@ def test_points_are_followed_to_where_the_column_shows_them(name: str) -> None:
         scenario = replace(scenario, scan=replace(scenario.scan, integrations=4))
     x, y = np.meshgrid(np.linspace(110, 840, 5), np.linspace(380, 520, 4))
     address = np.stack((x.ravel(), y.ravel()), axis=-1)
-    found = true_motion(told(scenario), info(scenario, 0), info(scenario, 1), address)
+    found = true_motion(recorded_truth(scenario), info(scenario, 0), info(scenario, 1), address)
     here = material(scenario, MOTIONS[0], 0, address)
     there = material(scenario, MOTIONS[1], 1, address + found.displacement_px + found.correction_px)
     assert np.abs(there - here).max() < 2e-4

@@ -1,4 +1,4 @@
-"""go.py: when it sets up, when it does not, and what it says when it cannot."""
+"""go.py: when it sets up, when it does not, and its message when it cannot."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def go() -> types.ModuleType:
 
 @pytest.fixture
 def project(go: types.ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A project whose environments are one empty file and whose pip only notes what it was asked for."""
+    """A project whose environments are one empty file and whose pip only records its arguments."""
     (tmp_path / "pyproject.toml").write_text("[project]\n", "utf-8")
     (tmp_path / "installed.txt").write_text("", "utf-8")
 
@@ -107,7 +107,7 @@ def test_another_python_or_another_place_means_another_environment(
     assert json.loads((venv / "semlive-setup.json").read_text("utf-8"))["python"] == "3.99"
 
 
-def test_a_failed_installation_is_one_sentence_and_is_tried_again(go: types.ModuleType, project: Path) -> None:
+def test_a_failed_installation_gives_one_error_line_and_is_tried_again(go: types.ModuleType, project: Path) -> None:
     (project / "pyproject.toml").write_text("sand", "utf-8")
     venv = project / "venv"
     for _ in range(2):
@@ -116,7 +116,7 @@ def test_a_failed_installation_is_one_sentence_and_is_tried_again(go: types.Modu
     assert installs(project) == ["run", "run"]
 
 
-def test_a_folder_that_is_no_environment_is_left_alone(go: types.ModuleType, tmp_path: Path) -> None:
+def test_a_folder_that_is_no_environment_is_not_changed(go: types.ModuleType, tmp_path: Path) -> None:
     precious = tmp_path / "thesis"
     precious.mkdir()
     (precious / "chapter1.txt").write_text("years of work", "utf-8")
@@ -143,5 +143,5 @@ def test_without_a_command_it_explains_itself(go: types.ModuleType, capsys: pyte
 
 
 @pytest.mark.parametrize("code", [0, 2])
-def test_waiting_hands_back_the_exit_code(go: types.ModuleType, code: int) -> None:
+def test_waiting_returns_the_exit_code(go: types.ModuleType, code: int) -> None:
     assert go.become([sys.executable, "-c", f"raise SystemExit({code})"], ".", replace=False) == code

@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 OWN = {"semlive", "semlive_drivers", "semlive_simulators"}
-PART_OF = {"pydantic-core": "pydantic"}  # pinned by its whole
+PART_OF = {"pydantic-core": "pydantic"}  # pinned by its dependent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 EXTRAS = {"semlive": ("alerts", "dask", "pandas", "pdf", "xarray")}
 """Imported where they are used, with a clear error where they are not installed."""

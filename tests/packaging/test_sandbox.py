@@ -30,7 +30,7 @@ def namespace_peer() -> str:
 
 @pytest.fixture
 def state(tmp_path: Path) -> Path:
-    """The service's own folder, with what was compiled before: compiling anew takes half a minute (bench_sandbox.py does it)."""
+    """The service's own folder, with what was compiled before: compiling again takes half a minute (bench_sandbox.py does it)."""
     below = UserProvidedCacheLocator.get_suitable_cache_subpath(str(KERNELS / "icgn.py"))
     shutil.copytree(KERNELS / "__pycache__", tmp_path / "jit" / below, ignore=shutil.ignore_patterns("*.pyc"))
     return tmp_path

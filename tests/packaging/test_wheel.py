@@ -1,4 +1,4 @@
-"""The wheel holds the three packages, whole, and nothing else."""
+"""The wheel holds the three packages completely, and nothing else."""
 
 from __future__ import annotations
 

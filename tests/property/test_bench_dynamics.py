@@ -1,4 +1,4 @@
-"""Load frame and stage of the bench: what must hold whatever they are told."""
+"""Load frame and stage of the bench: invariants for all commands."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_displacement_control_runs_at_its_speed() -> None:
 
 
 def plastic_mm(peak_n: float) -> float:
-    """Ramberg and Osgood's law for 50 mm of annealed sheet, written out once more."""
+    """Ramberg and Osgood's law for 50 mm of annealed sheet, written independently."""
     return 50.0 * 0.002 * (max(peak_n, 0.0) / 10.0 / 95.0) ** 2.25
 
 
@@ -143,7 +143,7 @@ def test_in_displacement_control_a_yielding_specimen_carries_less() -> None:
     assert state.force_n / state.stiffness_n_mm + plastic_mm(state.force_n) == pytest.approx(0.6, abs=1e-8)
 
 
-def test_crosshead_and_strain_gage_see_plastic_strain() -> None:
+def test_crosshead_and_strain_gage_include_plastic_strain() -> None:
     plastic = build_effects({"plastic_hardening": {"area_mm2": 10.0, "proof_stress_mpa": 95.0, "exponent": 2.25}})
     readings = []
     for scenario in (SCENARIO, dataclasses.replace(SCENARIO, effects=plastic)):
@@ -310,7 +310,7 @@ def test_a_load_held_on_a_broken_specimen_runs_to_the_limit_switch() -> None:
     assert (state.drive, state.extension_mm, state.keeps_load) == (Drive.LIMIT, 0.5, False)
 
 
-def test_the_strain_gage_sees_the_specimen_creep() -> None:
+def test_the_strain_gage_includes_creep_of_the_specimen() -> None:
     creep = {"strain_per_n": 2e-7, "onset_s": 10.0, "poissons_ratio": 0.33}
     gage = dataclasses.replace(SCENARIO.strain_gage, noise=0.0)
     printed = []

@@ -86,7 +86,7 @@ def test_anything_raises_nothing_but_bad_image(head: bytes, rest: bytes) -> None
     _read(head + rest)
 
 
-def test_a_chunk_that_promises_a_gigabyte_takes_no_memory() -> None:
+def test_a_chunk_that_declares_a_gigabyte_takes_no_memory() -> None:
     # This once made the decoder take 1.2 GB and 4 s; found by mutation.
     png = bytearray(SEEDS[-1])
     png[-12:-8] = b"\x45\0\0\0"

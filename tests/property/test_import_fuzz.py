@@ -1,4 +1,4 @@
-"""Whatever stands in the files of an import: a value comes out or one sentence, never another exception."""
+"""For any content of the files of an import the result is a value or one message, never another exception."""
 
 from __future__ import annotations
 

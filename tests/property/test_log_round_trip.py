@@ -1,4 +1,4 @@
-"""What goes into a log comes out of it: messages, maps, whole files, and torn ones up to the tear."""
+"""What goes into a log comes out of it: messages, maps, complete files, and truncated ones up to the cut."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def test_a_mask_is_0_or_1_and_one_kind_is_not_read_as_another() -> None:
                     decode(payload)
 
 
-def test_nan_is_refused_and_wall_times_can_be_left_out() -> None:
+def test_nan_is_refused_and_wall_times_can_be_omitted() -> None:
     with pytest.raises(ValueError, match="finite"):
         DicMessage(reference=0, current=1, points=1, converged=1, mean_u_px=np.nan, mean_v_px=0, noise_px=0, wall_s=1)
     message = DicMessage(reference=0, current=1, points=1, converged=0, mean_u_px=None, mean_v_px=None, noise_px=None, wall_s=1)
@@ -229,7 +229,7 @@ def write_log(lines: list[tuple[str, bytes, int]], stream: BytesIO, flush_every:
 
 @settings(max_examples=50)
 @given(st.lists(LINES, max_size=30), st.integers(1, 5))
-def test_logs_come_back_whole_and_open_in_the_indexed_reader(lines: list, flush_every: int) -> None:
+def test_logs_are_read_back_completely_and_open_in_the_indexed_reader(lines: list, flush_every: int) -> None:
     stream = BytesIO()
     written = write_log(lines, stream, flush_every)
     damage: list[str] = []
@@ -243,7 +243,7 @@ def test_logs_come_back_whole_and_open_in_the_indexed_reader(lines: list, flush_
 
 @settings(max_examples=100)
 @given(st.lists(LINES, min_size=1, max_size=20), st.floats(0, 1, exclude_max=True), st.binary(max_size=40))
-def test_torn_logs_give_all_that_was_flushed_before_the_tear(lines: list, fraction: float, rubbish: bytes) -> None:
+def test_truncated_logs_give_all_messages_flushed_before_the_cut(lines: list, fraction: float, rubbish: bytes) -> None:
     stream = BytesIO()
     ends = []
     writer = LogWriter(stream)

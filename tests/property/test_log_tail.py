@@ -1,4 +1,4 @@
-"""A growing log is read message by message as its chunks become whole, whatever happens to its files."""
+"""A growing log is read message by message as its chunks become complete, whatever happens to its files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def write(path: Path, first: int, count: int, finish: bool = True) -> bytes:
     return path.read_bytes()
 
 
-def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_whole(tmp_path: Path) -> None:
+def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_complete(tmp_path: Path) -> None:
     data = write(tmp_path / "whole.mcap", 0, 12)
     whole = list(messages(tmp_path / "whole.mcap"))
     ends = [end for end in range(len(data)) if data[end : end + 1] == b"\x07" and int.from_bytes(data[end + 1 : end + 9], "little") < 100]
@@ -44,7 +44,7 @@ def test_a_file_cut_at_every_byte_gives_each_message_once_when_its_chunk_is_whol
             assert read == whole[: len(read)]
             assert not tail.finished or at + 1 >= len(data) - 8
             if at + 1 in ends[:3]:
-                # A message index begins: the chunk before it is whole, and all of it has been given.
+                # A message index begins: the chunk before it is complete, and all of it has been given.
                 assert read
                 assert read == list(messages(path))
     assert read == whole
@@ -80,7 +80,7 @@ def test_renames_and_new_segments_are_followed(tmp_path: Path) -> None:
     assert not tail.finished
 
 
-def test_a_torn_segment_is_given_up_when_the_next_one_exists(tmp_path: Path) -> None:
+def test_a_truncated_segment_is_abandoned_when_the_next_one_exists(tmp_path: Path) -> None:
     reported: list[str] = []
     tail = LogTail(tmp_path, reported.append)
     data = write(tmp_path / "run.000.mcap.part", 0, 6, finish=False)
@@ -115,7 +115,7 @@ def test_what_was_not_taken_comes_again(tmp_path: Path) -> None:
     assert read == list(messages(tmp_path))
 
 
-def test_damage_in_the_middle_is_passed_over_and_told(tmp_path: Path) -> None:
+def test_damage_in_the_middle_is_skipped_and_reported(tmp_path: Path) -> None:
     path = tmp_path / "run.000.mcap"
     data = bytearray(write(path, 0, 12))
     data[data.index(b"xxxxx")] ^= 1

@@ -1,4 +1,4 @@
-"""Tables under random conventions, whose writer knows every number: read right or refused, and never wrong."""
+"""Tables under random conventions, with all numbers recorded by their writer: read right or refused, and never wrong."""
 
 from __future__ import annotations
 

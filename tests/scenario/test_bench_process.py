@@ -70,7 +70,7 @@ def ended(process: subprocess.Popen[bytes], how: int | None) -> tuple[int, str, 
     return process.returncode, out.decode(), err.decode()
 
 
-def test_a_run_leaves_frames_and_truth_that_agree(tmp_path: Path) -> None:
+def test_frames_and_truth_of_a_run_agree(tmp_path: Path) -> None:
     process = start(tmp_path)
     printed = ready(tmp_path)
     assert printed["host"] == "127.0.0.1"
@@ -151,7 +151,7 @@ def test_the_same_seed_scans_the_same_pixels(tmp_path: Path) -> None:
     assert hashes["a"] == hashes["b"] != hashes["c"]
 
 
-def test_serial_lines_are_announced_and_speak_of_the_same_machine(tmp_path: Path) -> None:
+def test_serial_lines_are_announced_and_belong_to_the_same_machine(tmp_path: Path) -> None:
     process = start(tmp_path, "--rtu", "--serial")
     printed = ready(tmp_path)
     client = ModbusSerialClient(printed["rtu_port"], baudrate=19_200, timeout=20, retries=0)
@@ -199,7 +199,7 @@ def test_a_file_is_half_written_for_a_moment(tmp_path: Path) -> None:
         assert max(sizes[frame["file"]]) <= (folder / frame["file"]).stat().st_size
 
 
-def test_renaming_shows_the_final_name_only_when_whole(tmp_path: Path) -> None:
+def test_renaming_shows_the_final_name_only_for_a_complete_file(tmp_path: Path) -> None:
     scenario = tmp_path / "renaming.yaml"
     scenario.write_text(SMALL.replace("export: {", "export: {style: rename, "))
     process = start(tmp_path, "--scenario", str(scenario))
@@ -241,14 +241,14 @@ def test_a_stalled_process_stretches_the_clock_and_reports_so(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("options", "says"), [(["--scenario", "nowhere"], "nowhere does not exist"), (["--rate", "-1"], "rate")])
-def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path: Path, options: list[str], says: str) -> None:
+def test_bad_input_gives_one_error_line_and_exit_code_2(tmp_path: Path, options: list[str], says: str) -> None:
     code, _, err = ended(start(tmp_path, *options), None)
     assert code == 2
     assert says in err
     assert err.count("\n") == 1
 
 
-def test_a_taken_port_is_one_sentence_and_exit_code_2(tmp_path: Path) -> None:
+def test_a_port_in_use_gives_one_error_line_and_exit_code_2(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         code, _, err = ended(start(tmp_path, "--port", str(taken.getsockname()[1])), None)
     assert code == 2

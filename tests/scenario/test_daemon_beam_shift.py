@@ -46,8 +46,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Instrument, list
         config["estimate"] = {"accept_poor_calibration": True}
         config["protocol"]["load_tolerance_n"] = 20.0
         instrument = Instrument(root, bench, json.loads(json.dumps(config)))
-        code, said = instrument.run()
-        assert code == 0, said
+        code, printed = instrument.run()
+        assert code == 0, printed
         client = ModbusTcpClient(bench["host"], port=bench["port"], timeout=20, retries=0)
         assert client.connect()
         stage = client.read_holding_registers(100, count=6, device_id=bench["unit"]).registers
@@ -65,7 +65,7 @@ def logged(log: Path, topic: str) -> list[dict[str, Any]]:
     return [one for _, one in timed(log, topic)]
 
 
-def test_the_stage_was_left_alone_and_the_log_says_that_the_beam_was_shifted(finished: tuple[Instrument, list[int]]) -> None:
+def test_the_stage_was_not_moved_and_the_log_records_the_beam_shift(finished: tuple[Instrument, list[int]]) -> None:
     instrument, stage = finished
     assert stage == [0] * 6
     (run,) = logged(instrument.log, "/run")
@@ -73,7 +73,7 @@ def test_the_stage_was_left_alone_and_the_log_says_that_the_beam_was_shifted(fin
     assert yaml.safe_load((instrument.folder / "run.yaml").read_text())["stage"]["settings"]["first_register"] == 400
 
 
-def test_the_picture_went_where_a_crooked_beam_shift_takes_it(finished: tuple[Instrument, list[int]]) -> None:
+def test_the_image_moved_along_a_rotated_beam_shift(finished: tuple[Instrument, list[int]]) -> None:
     instrument, _ = finished
     frames = {frame["file"]: frame for frame in json.loads(Path(instrument.bench["truth_file"]).read_text())["frames"]}
     pairs = logged(instrument.log, "/pair")
@@ -91,19 +91,21 @@ def test_the_field_is_brought_back_from_where_the_drift_carried_it(finished: tup
     truth = json.loads(Path(instrument.bench["truth_file"]).read_text())
     frames = {frame["file"]: frame for frame in truth["frames"]}
     pairs = logged(instrument.log, "/pair")
-    seen, drifted = [], []
+    field_px, drifted = [], []
     for pair in pairs:
         frame = frames[pair["second"]["name"]]
         drift = [np.interp(frame["start_time_ns"], truth["drift"]["time_ns"], truth["drift"][name]) for name in ("dx_px", "dy_px")]
         drifted.append(np.array(drift))
-        seen.append(drifted[-1] + frame["stage_px"] - pair["step"]["shift_px"])
+        field_px.append(drifted[-1] + frame["stage_px"] - pair["step"]["shift_px"])
     assert np.linalg.norm(drifted[-1] - drifted[0]) > 12.0
-    assert np.linalg.norm(seen[-1] - seen[0]) < 0.5 * np.linalg.norm(drifted[-1] - drifted[0])
-    # What is left passed since the pair whose place in the field was known when the last step began: on a busy computer an earlier one.
+    assert np.linalg.norm(field_px[-1] - field_px[0]) < 0.5 * np.linalg.norm(drifted[-1] - drifted[0])
+    # The remainder passed since the pair whose field position was measured when the last step began: on a busy computer an earlier one.
     # The move was ordered then, and is in the log once the stage has answered; places are those of maps that refer to frame 0.
     began_ns = [at_ns for at_ns, one in timed(instrument.log, "/state") if one["before"] == "step_done"][-1]
-    known = max(one["current"] for at_ns, one in timed(instrument.log, "/dic/summary") if one["reference"] == 0 and at_ns < began_ns) // 2
-    assert np.linalg.norm(seen[-1] - seen[0]) < np.linalg.norm(drifted[-1] - drifted[min(known, len(pairs) - 3)]) + 3.0
+    measured_pair = (
+        max(one["current"] for at_ns, one in timed(instrument.log, "/dic/summary") if one["reference"] == 0 and at_ns < began_ns) // 2
+    )
+    assert np.linalg.norm(field_px[-1] - field_px[0]) < np.linalg.norm(drifted[-1] - drifted[min(measured_pair, len(pairs) - 3)]) + 3.0
 
 
 def test_all_scans_of_a_frame_count_in_its_time(finished: tuple[Instrument, list[int]]) -> None:

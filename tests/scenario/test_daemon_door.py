@@ -25,8 +25,8 @@ from pathlib import Path
 from semlive.service.config.configuration import load_config
 from semlive.service.daemon import RunInterface, run_experiment
 
-tell = lambda address: print(json.dumps(asdict(address)), flush=True)
-run_experiment(load_config(Path(sys.argv[1])), RunInterface(lambda _: None, queue.SimpleQueue(), attended=True, on_socket_open=tell))
+show = lambda address: print(json.dumps(asdict(address)), flush=True)
+run_experiment(load_config(Path(sys.argv[1])), RunInterface(lambda _: None, queue.SimpleQueue(), attended=True, on_socket_open=show))
 """
 
 
@@ -39,8 +39,8 @@ class Steered:
     one: Any
     wait_until: Callable[..., None]
 
-    def ask(self, **asked: Any) -> Reply:
-        request = Request(**{"token": self.address["token"], **asked})
+    def ask(self, **fields: Any) -> Reply:
+        request = Request(**{"token": self.address["token"], **fields})
         return asyncio.run(send_request(self.address["host"], self.address["port"], request))
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
@@ -78,7 +78,7 @@ def send(steered: Steered, line: bytes) -> bytes:
     return b""
 
 
-def test_nobody_is_heard_without_the_token(steered: Steered) -> None:
+def test_requests_without_the_token_are_refused(steered: Steered) -> None:
     steered.wait_until(lambda: len(steered.words("asked")) == 1)
     for token in ("", "a", steered.address["token"][:-1], steered.address["token"] + "a"):
         assert steered.ask(token=token, say=OperatorCommand.ABORT).heard is RequestStatus.UNAUTHORISED
@@ -104,19 +104,19 @@ def test_a_line_that_is_too_long_is_not_read(steered: Steered) -> None:
 
 
 def test_a_load_is_entered_from_elsewhere(steered: Steered) -> None:
-    (asked,) = steered.words("asked")
-    assert asked["text"].startswith("in MICROTEST, bring the load to 100 N at ")
-    assert (asked["question"], asked["wanted"]) == ("terminal.1", "load_n")
-    assert steered.ask(question=asked["question"], answer="ninety").heard is RequestStatus.ACCEPTED
+    (prompt,) = steered.words("asked")
+    assert prompt["text"].startswith("in MICROTEST, bring the load to 100 N at ")
+    assert (prompt["question"], prompt["wanted"]) == ("terminal.1", "load_n")
+    assert steered.ask(question=prompt["question"], answer="ninety").heard is RequestStatus.ACCEPTED
     steered.wait_until(lambda: len(steered.words("told")) == 1)
     assert steered.words("told")[0]["text"] == "ninety is no load; type the load in N as MICROTEST shows it"
     assert not steered.words("answered")
-    assert steered.ask(question=asked["question"], answer=" 99,5 ").heard is RequestStatus.ACCEPTED
+    assert steered.ask(question=prompt["question"], answer=" 99,5 ").heard is RequestStatus.ACCEPTED
     steered.reach("holding")
     (answered,) = steered.words("answered")
     assert (answered["text"], answered["question"]) == ("99,5", "terminal.1")
     assert steered.logged("/load_frame/sample")[-1]["force_n"] == 99.5
-    assert steered.ask(question=asked["question"], answer="99.5").heard is RequestStatus.QUESTION_CLOSED
+    assert steered.ask(question=prompt["question"], answer="99.5").heard is RequestStatus.QUESTION_CLOSED
 
 
 def test_a_run_is_paused_resumed_and_stopped_from_elsewhere(steered: Steered) -> None:

@@ -1,4 +1,4 @@
-"""The machine fails while the specimen is held: the daemon stops it, says what it was, and loads nothing any more."""
+"""The machine fails while the specimen is held: the daemon stops it, reports the reason, and applies no further load."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run with a model of further effects: killed, taken up again without being told of the model, replayed, diagnosed."""
+"""A run with a model of further effects: killed, resumed without the model in the command, replayed, diagnosed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PAIRS = 6
 ENDS_S = 600.0
 """Wall seconds within which a run, or a part of it, ends on a busy computer; it decides nothing but when a test that hangs is given up."""
 EFFECTS = ["magnification_drift", "tilt_with_load", "mains_hum"]
-SAID = "magnification_drift, tilt_with_load taken out of the maps"
+CORRECTED = "magnification_drift, tilt_with_load taken out of the maps"
 
 
 def write_model(path: Path, **run: float) -> Path:
@@ -46,7 +46,7 @@ def logged(log: Path, topic: str) -> list[dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def done(instrument: Callable[..., Any], wait_until: Callable[..., None], watched: Callable[[Path], Any]) -> Any:
-    """A run with a model, killed after its third pair and taken up again by a command that does not name the model."""
+    """A run with a model, killed after its third pair and resumed by a command that does not name the model."""
     one = instrument("modelled")
     one.wait_for_slow_answers()
     one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0], [0, 6], [-6, 0], [0, -6]], loads_n=[600])
@@ -65,7 +65,7 @@ def done(instrument: Callable[..., Any], wait_until: Callable[..., None], watche
 
 
 @pytest.mark.timeout(3 * ENDS_S)
-def test_the_log_says_which_model_both_times(done: Any) -> None:
+def test_the_log_names_the_model_both_times(done: Any) -> None:
     runs = logged(done.log, "/run")
     assert len(runs) == 2
     assert runs[0]["config"]["model"] == runs[1]["config"]["model"]
@@ -76,27 +76,27 @@ def test_the_log_says_which_model_both_times(done: Any) -> None:
 
 @pytest.mark.timeout(3 * ENDS_S)
 @pytest.mark.parametrize("source", ["--from-disparity", "--from-images"])
-def test_a_replay_gives_what_was_said_live_without_naming_the_model(done: Any, source: str, semlive: Command) -> None:
+def test_a_replay_without_the_model_in_its_command_gives_the_live_results(done: Any, source: str, semlive: Command) -> None:
     (live,) = logged(done.log, "/result")
     assert live["pairs"] == PAIRS
-    assert any(SAID in one for one in live["warnings"])
+    assert any(CORRECTED in one for one in live["warnings"])
     assert "model: mains_hum is not a matter of maps, and is left in" in live["warnings"]
     code, out, err = semlive("replay", done.log, source, "--json")
     assert (code, json.loads(out)) == (0, live), err
 
 
 @pytest.mark.timeout(3 * ENDS_S)
-def test_maps_in_the_log_are_as_measured_so_that_another_model_can_be_asked(done: Any, semlive: Command) -> None:
+def test_maps_in_the_log_are_uncorrected_so_that_another_model_can_be_applied(done: Any, semlive: Command) -> None:
     none = done.folder / "none.json"
     none.write_text(json.dumps({"version": 1, "effects": []}), encoding="utf-8")
-    told = []
+    results = []
     for model in (done.model, none):
         code, out, err = semlive("replay", done.log, "--model", model, "--from-disparity", "--json")
         assert code == 0, err
-        told.append(json.loads(out))
-    assert told[0] == logged(done.log, "/result")[0]
-    assert not any("model:" in one for one in told[1]["warnings"])
-    assert told[1]["frames"][-1]["strain_mean"] != told[0]["frames"][-1]["strain_mean"]
+        results.append(json.loads(out))
+    assert results[0] == logged(done.log, "/result")[0]
+    assert not any("model:" in one for one in results[1]["warnings"])
+    assert results[1]["frames"][-1]["strain_mean"] != results[0]["frames"][-1]["strain_mean"]
 
 
 @pytest.mark.timeout(3 * ENDS_S)

@@ -1,4 +1,4 @@
-"""A stage that a hand moves: the daemon asks, waits for enter, and goes on."""
+"""A stage that is moved by hand: the daemon prompts the operator, waits for enter, and continues."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ class Attended:
 
     log: Path
     question: str
-    asked_for_s: float
+    prompted_for_s: float
     code: int
-    said: str
+    printed: str
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
         return [json.loads(message.payload) for message in messages(self.log) if message.topic == topic]
@@ -81,24 +81,24 @@ def attended(instrument: Callable[..., Any], wait_until: Callable[..., None]) ->
         assert process.stdout is not None
         question, began = process.stdout.readline(), time.monotonic()
         hand.move_right(SHIFT_PX * UM_PER_PX, wait_until)
-        asked_for_s = time.monotonic() - began
+        prompted_for_s = time.monotonic() - began
         process.stdin.write("\n")
         process.stdin.flush()
         rest, _ = process.communicate(timeout=250)
         errors.seek(0)
-        said = rest + errors.read()
+        printed = rest + errors.read()
     hand.close()
-    return Attended(item.log, question, asked_for_s, process.returncode, said)
+    return Attended(item.log, question, prompted_for_s, process.returncode, printed)
 
 
-def test_the_operator_is_asked_once_and_the_run_completes(attended: Attended) -> None:
-    assert attended.code == 0, attended.said
+def test_the_operator_is_prompted_once_and_the_run_completes(attended: Attended) -> None:
+    assert attended.code == 0, attended.printed
     assert attended.question == "move the specimen about 24 px (30.0 um) right in the image, then press enter\n"
-    assert "press enter" not in attended.said
+    assert "press enter" not in attended.printed
     assert attended.logged("/state")[-1]["after"] == "complete"
 
 
-def test_the_log_shows_what_was_asked_and_that_nothing_was_believed_before_enter(attended: Attended) -> None:
+def test_the_log_holds_the_prompt_and_no_move_before_enter(attended: Attended) -> None:
     (requests,) = [command for command in attended.logged("/command") if command["what"] == "move_stage"]
     assert requests["args"] == {"x_um": SHIFT_PX * UM_PER_PX, "y_um": 0.0, "moves": "specimen"}
     assert any(line["text"].startswith("step 2 of 2: calibration, shift (30, 0) um") for line in attended.logged("/log"))
@@ -109,12 +109,12 @@ def test_the_log_shows_what_was_asked_and_that_nothing_was_believed_before_enter
     assert {sample["x_um"] for sample in moving} == {0.0}
     assert confirmed["x_um"] == SHIFT_PX * UM_PER_PX
     rate = attended.logged("/clock")[0]["rate"]
-    assert confirmed["time_ns"] - requests["time_ns"] >= 0.9 * attended.asked_for_s * rate * 1e9
+    assert confirmed["time_ns"] - requests["time_ns"] >= 0.9 * attended.prompted_for_s * rate * 1e9
     arrived = next(state for state in attended.logged("/state") if state["cause"] == "arrived" and state["step"] == 1)
     assert arrived["time_ns"] >= confirmed["time_ns"]
 
 
-def test_both_pairs_are_there_and_the_second_saw_the_move(attended: Attended) -> None:
+def test_both_pairs_are_there_and_the_second_shows_the_move(attended: Attended) -> None:
     pairs = attended.logged("/pair")
     assert [pair["step"]["shift_px"] for pair in pairs] == [[0.0, 0.0], [SHIFT_PX, 0.0]]
     (result,) = attended.logged("/result")
@@ -124,7 +124,7 @@ def test_both_pairs_are_there_and_the_second_saw_the_move(attended: Attended) ->
     assert abs(shifts[2][1]) < 1.5
 
 
-def test_words_that_steer_the_run_answer_no_question(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
+def test_run_commands_answer_no_question(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
     item = by_hand(instrument, "steered")
     command = [sys.executable, "-m", "semlive", "run", str(item.write_config()), "--no-page", "--attended"]
     ours, theirs = pty.openpty()
@@ -146,12 +146,12 @@ def test_words_that_steer_the_run_answer_no_question(instrument: Callable[..., A
     assert process.returncode == 1
     assert states()[-1] == "aborted"
     samples = [json.loads(message.payload) for message in messages(item.log) if message.topic == "/stage/sample"]
-    assert {sample["x_um"] for sample in samples} == {0.0}  # nobody said that it had been moved
+    assert {sample["x_um"] for sample in samples} == {0.0}  # the operator confirmed no move
 
 
 def test_a_run_with_a_hand_needs_somebody_there(instrument: Callable[..., Any]) -> None:
     item = by_hand(instrument, "unattended")
-    code, said = item.run()
-    assert code == 2, said
-    assert "stage moved by hand: is a real machine" in " ".join(said.split())
-    assert "--attended" in said
+    code, printed = item.run()
+    assert code == 2, printed
+    assert "stage moved by hand: is a real machine" in " ".join(printed.split())
+    assert "--attended" in printed

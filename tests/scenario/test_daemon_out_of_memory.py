@@ -90,9 +90,9 @@ def test_linux_ends_the_analysis_first_and_the_run_loses_nothing(
 
 
 def test_an_analysis_that_is_refused_memory_does_not_hang(instrument: Callable[..., Any], wait_until: Callable[..., None]) -> None:
-    """The thread that was to help it ended before it ran, and was waited for, while the process went on saying that it lives.
+    """The thread that was to help it ended before it ran, and was waited for, while the process continued its heartbeats.
 
-    Without that thread it goes on with the memory that it has, or dies and is replaced.
+    Without that thread it continues with the memory that it has, or dies and is replaced.
     """
     item = instrument("refused-memory")
     process = item.start()

@@ -1,4 +1,4 @@
-"""A daemon that is killed in the middle of a pair, and the same run taken up again."""
+"""A daemon that is killed in the middle of a pair, and the same run resumed."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def sums_in_one_order() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def resumed(instrument: Callable[..., Any], wait_until: Callable[..., None], watched: Callable[[Path], Any]) -> Any:
-    """Killed while the second pair is half, taken up again, killed before the last pair is analysed, and taken up once more.
+    """Killed while the second pair is half, resumed, killed before the last pair is analysed, and resumed again.
 
-    Both instants last for less than a second. A kill that came after its instant is another case: then the run is begun again.
+    Both instants last for less than a second. A kill that came after its instant is another case: then the run is started again.
     """
     for attempt in range(ATTEMPTS):
         try:
@@ -108,7 +108,7 @@ def killed_twice(one: Any, wait_until: Callable[..., None], watched: Callable[[P
 
 
 def at_a_terminal(one: Any) -> tuple[subprocess.Popen[str], int]:
-    """The run taken up again where somebody can be asked."""
+    """The run resumed with an operator who can answer."""
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "semlive", "run", str(one.write_config()), "--no-page", "--resume"]
     process = subprocess.Popen(command, stdin=theirs, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
@@ -120,7 +120,7 @@ def logged_by(log: Path, segment: int, topic: str) -> list[dict[str, Any]]:
     return logged(segments(log)[segment], topic)
 
 
-def test_every_pair_is_there_once_and_the_half_one_is_taken_anew(resumed: Any) -> None:
+def test_every_pair_is_there_once_and_the_half_one_is_taken_again(resumed: Any) -> None:
     pairs, before = logged(resumed.log, "/pair"), resumed.before[0]
     assert [one["pair"] for one in before] == [0]
     assert [one["pair"] for one in pairs] == list(range(PAIRS))
@@ -136,7 +136,7 @@ def test_it_asks_and_the_step_is_entered_again_with_its_hold_in_full(resumed: An
     again = next(at for at, one in enumerate(states) if one["after"] == "recover")
     assert [one["after"] for one in states[again : again + 3]] == ["recover", "ramping", "settling"]
     assert [one["step"] for one in states[again : again + 2]] == [HALF, HALF]
-    # The bench's watchdog stopped it when the daemon died, and says fault until it is told to stop.
+    # The bench's watchdog stopped it when the daemon died, and reports a fault until it gets a stop.
     assert {one["what"] for one in resumed.unasked} == {"stop"}
     assert any(f"begins step {HALF + 1} again" in one["text"] for one in logged(resumed.log, "/log"))
     settled = next(one["time_ns"] for one in states[again:] if one["cause"] == "settled")
@@ -148,9 +148,9 @@ def test_it_asks_and_the_step_is_entered_again_with_its_hold_in_full(resumed: An
     assert moves[0]["x_um"] - moves[2]["x_um"] == pytest.approx(6 * resumed.config["sem"]["pixel_size_um"])
 
 
-def test_the_next_segment_begins_with_where_the_run_stood_and_time_goes_on(resumed: Any) -> None:
+def test_the_next_segment_begins_with_the_state_of_the_run_and_time_continues(resumed: Any) -> None:
     first, second, third = segments(resumed.log)
-    # What was torn is whole now; an original that was damaged stays beside it.
+    # The truncated segment is complete now; an original that was damaged stays next to it.
     assert [path.name for path in (first, second, third)] == [f"{resumed.log.name}.{number:03d}.mcap" for number in range(3)]
     head = [one for one in messages(second)][:3]
     assert [one.topic for one in head] == ["/run", "/snapshot", "/clock"]
@@ -164,7 +164,7 @@ def test_the_next_segment_begins_with_where_the_run_stood_and_time_goes_on(resum
     assert snapshot["inputs"] == sum(one.topic in INPUT_TOPICS for one in messages(first))
     over = logged(third, "/snapshot")[0]
     assert (over["next_step"], over["pairs"]) == (PAIRS, PAIRS)
-    # It died before its last pair was analysed, and the last segment says what was not said then; it asked no device.
+    # It died before its last pair was analysed, and the last segment holds the missing results; it queried no device.
     assert over["pairs_analysed"] < PAIRS
     assert len(logged(third, "/dic/summary")) + len(logged(first, "/dic/summary")) + len(logged(second, "/dic/summary")) == 3 * PAIRS - 2
     assert logged(third, "/command") == logged(third, "/load_frame/sample") == []
@@ -173,7 +173,7 @@ def test_the_next_segment_begins_with_where_the_run_stood_and_time_goes_on(resum
 
 
 def analysed_again(log: Path) -> list[LogMessage]:
-    """What analysis makes of the whole folder without a break."""
+    """Analysis of the complete folder without a break."""
     count = sum(one.topic in INPUT_TOPICS for one in messages(log))
     command = [sys.executable, "-m", "semlive.service.analysis.worker", "--log", str(log), "--inputs", str(count)]
     stream = BytesIO(subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ENDS_S, check=True).stdout)
@@ -184,22 +184,22 @@ def analysed_again(log: Path) -> list[LogMessage]:
     return outputs
 
 
-def told(message: LogMessage) -> tuple[str, int, bytes]:
+def without_times(message: LogMessage) -> tuple[str, int, bytes]:
     """An output without what differs from one time to the next: how long it took, and what control added to a scan."""
     payload = message.payload
     if message.topic in ("/dic/summary", "/sem/scan"):
-        known = json.loads(payload)
-        payload = json.dumps({key: value for key, value in known.items() if not key.startswith(("wall_", "load_", "gage_"))}).encode()
+        fields = json.loads(payload)
+        payload = json.dumps({key: value for key, value in fields.items() if not key.startswith(("wall_", "load_", "gage_"))}).encode()
     return message.topic, message.publish_time_ns, payload
 
 
-def test_live_results_are_byte_for_byte_those_of_the_whole_folder_without_a_break(
+def test_live_results_are_byte_for_byte_those_of_the_complete_folder_without_a_break(
     resumed: Any, semlive: Callable[..., tuple[int, str, str]]
 ) -> None:
     live = [one for one in messages(resumed.log) if is_output(one)]
     again = analysed_again(resumed.log)
     assert READY_TEXT in live[0].payload.decode()
-    assert [told(one)[0::2] for one in live] == [told(one)[0::2] for one in again]
+    assert [without_times(one)[0::2] for one in live] == [without_times(one)[0::2] for one in again]
     code, out, err = semlive("replay", resumed.log, "--json")
     assert code == 0, err
     results = logged(resumed.log, "/result")
@@ -208,31 +208,31 @@ def test_live_results_are_byte_for_byte_those_of_the_whole_folder_without_a_brea
     assert result["pairs"] == PAIRS
 
 
-def test_wherever_the_log_is_torn_it_is_known_what_analysis_has_said(resumed: Any, tmp_path: Path) -> None:
+def test_for_every_truncation_of_the_log_the_outputs_of_analysis_are_determined(resumed: Any, tmp_path: Path) -> None:
     config = load_config(resumed.write_config())
     whole = segments(resumed.log)[0]
-    state, said, after = WorkerState(), list[LogMessage](), [0]
+    state, outputs_before, after = WorkerState(), list[LogMessage](), [0]
     for one in messages(whole):
         if one.topic in INPUT_TOPICS:
             state, outputs = process_message(state, one)
-            said.extend(outputs)
+            outputs_before.extend(outputs)
             state, outputs = background_work(state)
-            said.extend(outputs)
-            after.append(len(said))
+            outputs_before.extend(outputs)
+            after.append(len(outputs_before))
     size = whole.stat().st_size
-    told_of = 0
+    most_outputs = 0
     for torn_at in range(size // 40, size, size // 20):
         folder = tmp_path / str(torn_at)
         folder.mkdir()
         torn = folder / f"{resumed.log.name}.000.mcap.part"
         torn.write_bytes(whole.read_bytes()[:torn_at])
         earlier = read_previous_segments(folder, config)
-        kept = [one for one in messages(torn) if is_output(one)]
-        assert [told(one)[0::2] for one in kept] == [told(one)[0::2] for one in said[: earlier.outputs]]
+        stored = [one for one in messages(torn) if is_output(one)]
+        assert [without_times(one)[0::2] for one in stored] == [without_times(one)[0::2] for one in outputs_before[: earlier.outputs]]
         assert earlier.outputs <= after[earlier.inputs]
         assert earlier.segment == 1
-        told_of = max(told_of, earlier.outputs)
-    assert told_of > 10
+        most_outputs = max(most_outputs, earlier.outputs)
+    assert most_outputs > 10
 
 
 def test_a_run_that_is_complete_or_another_or_of_another_configuration_is_refused(resumed: Any) -> None:

@@ -1,4 +1,4 @@
-"""A whole run over Modbus RTU: load frame and stage are two units on one serial line."""
+"""A complete run over Modbus RTU: load frame and stage are two units on one serial line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A whole run of the real daemon on a small bench, and what its log holds."""
+"""A complete run of the real daemon on a small bench, and the content of its log."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ PX, BOTH = 5, 2
 def finished(instrument: Callable[..., Any]) -> Any:
     one = instrument("whole")
     one.wait_for_slow_answers()
-    code, said = one.run()
-    assert code == 0, said
-    assert "Traceback" not in said
+    code, printed = one.run()
+    assert code == 0, printed
+    assert "Traceback" not in printed
     return one
 
 
@@ -71,7 +71,7 @@ def test_live_and_replayed_results_agree(finished: Any, semlive: Command) -> Non
     assert live["pairs"] == PX
     assert len(live["frames"]) == PX * BOTH
     modulus = live["elastic"]["youngs_modulus_gpa"]
-    # A frame a tenth as large as the paper's knows the modulus to some 3 %; what it says of itself must be so.
+    # A frame a tenth as large as the paper's determines the modulus to some 3 %; its stated uncertainty must agree.
     assert modulus["sigma"] < 4.0
     assert abs(modulus["value"] - 71.1) < 4.0 * modulus["sigma"]
 
@@ -109,13 +109,13 @@ def test_another_subset_needs_the_images(finished: Any) -> None:
     assert result_json(done.result, done.settings)["vsg_px"] == 8 * 8 + 31
 
 
-def test_a_replay_by_another_method_says_so(finished: Any, semlive: Command) -> None:
+def test_a_replay_by_another_method_reports_it(finished: Any, semlive: Command) -> None:
     code, out, err = semlive("replay", finished.log, "--json", "--method", "sutton2007")
     assert code == 0, err
-    said = json.loads(out)
+    printed = json.loads(out)
     (live,) = logged(finished.log, "/result")
-    assert (live["method"], said["method"]) == ("joint", "sutton2007")
-    assert len(said["frames"]) == len(live["frames"])
+    assert (live["method"], printed["method"]) == ("joint", "sutton2007")
+    assert len(printed["frames"]) == len(live["frames"])
 
 
 def test_the_strain_gage_goes_from_its_register_to_the_comparison_with_dic(finished: Any) -> None:
@@ -124,7 +124,7 @@ def test_the_strain_gage_goes_from_its_register_to_the_comparison_with_dic(finis
     (live,) = logged(finished.log, "/result")
     compared = live["strain_gage"]
     assert [one["pair"] for one in compared["steps"]] == [3, 4]
-    # The scenario's gage says 1.005 times the strain. Ten readings a frame know a load of 500 N to 6e-4 and a strain of 7e-4 to 7e-4.
+    # The scenario's gage reports 1.005 times the strain. Relative errors of ten readings a frame: 6e-4 (load 500 N), 7e-4 (strain 7e-4).
     modulus, ratio = compared["youngs_modulus_gpa"], compared["dic_over_gage"]
     assert modulus["value"] == pytest.approx(71.1 / 1.005, rel=4e-3)
     assert abs(ratio["value"] - 1.0 / 1.005) < 4.0 * ratio["sigma"]
@@ -176,24 +176,24 @@ def test_a_pair_named_long_after_its_frames_were_read_still_has_them(finished: A
     assert any(message.topic == STRAIN_FIELD for message in outputs)
 
 
-def test_a_pair_is_told_before_what_it_makes_due(finished: Any) -> None:
+def test_a_pair_is_reported_before_the_review_that_it_makes_due(finished: Any) -> None:
     """Every estimate has its own revision; after 1, 2, 3, 4, 6, ... pairs a second one follows, and no map or picture waits for it."""
     outputs = [one for one in messages(finished.log) if one.topic in ("/dic/summary", "/drift/estimate", SEM_IMAGE)]
     drifts = [json.loads(one.payload) for one in outputs if one.topic == "/drift/estimate"]
     pairs = len(logged(finished.log, "/pair"))
     assert [one["revision"] for one in drifts] == list(range(1, len(drifts) + 1))
-    told = [one["pairs"] for one in drifts]
-    assert sorted(set(told)) == list(range(1, pairs + 1))
-    assert [told.count(number) for number in range(1, pairs + 1)] == [1 + selection_due(number) for number in range(1, pairs + 1)]
+    pair_counts = [one["pairs"] for one in drifts]
+    assert sorted(set(pair_counts)) == list(range(1, pairs + 1))
+    assert [pair_counts.count(number) for number in range(1, pairs + 1)] == [1 + selection_due(number) for number in range(1, pairs + 1)]
     topics = [one.topic for one in outputs]
     seconds = [at for at, one in enumerate(outputs) if one.topic == "/drift/estimate"]
-    for before, anew in itertools.pairwise(seconds):
-        if json.loads(outputs[before].payload)["pairs"] == json.loads(outputs[anew].payload)["pairs"]:
-            assert "/dic/summary" not in topics[before:anew]
-            assert SEM_IMAGE in topics[before:anew]
+    for before, following in itertools.pairwise(seconds):
+        if json.loads(outputs[before].payload)["pairs"] == json.loads(outputs[following].payload)["pairs"]:
+            assert "/dic/summary" not in topics[before:following]
+            assert SEM_IMAGE in topics[before:following]
 
 
-def test_the_hold_is_kept_and_nothing_moves_while_a_pair_is_taken(finished: Any) -> None:
+def test_the_hold_is_observed_and_nothing_moves_while_a_pair_is_taken(finished: Any) -> None:
     states, pairs = logged(finished.log, "/state"), logged(finished.log, "/pair")
     commands = logged(finished.log, "/command")
     for pair in pairs:
@@ -238,6 +238,6 @@ def test_the_report_is_one_page_that_needs_nothing_else(finished: Any, semlive: 
 
 
 def test_a_run_of_the_same_name_is_refused(finished: Any) -> None:
-    code, said = finished.run()
+    code, printed = finished.run()
     assert code == 2
-    assert "this run exists already; give run.name another name" in " ".join(said.split())
+    assert "this run exists already; give run.name another name" in " ".join(printed.split())

@@ -1,4 +1,4 @@
-"""Ctrl-C, a dead analysis, a lost link, an unreadable image: the frame rests, the log is whole, and one sentence says why."""
+"""Ctrl-C, a dead analysis, a lost link, an unreadable image: the frame stops, the log is complete, and one message has the reason."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STARTS_S = 150.0
 
 
 def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    """What stands in a log, growing or finished."""
+    """Messages of a log, growing or finished."""
     return [json.loads(message.payload) for message in messages(log) if message.topic == topic] if log.is_dir() else []
 
 
@@ -50,9 +50,9 @@ def test_ctrl_c_stops_the_frame_and_finishes_the_log(
     process = one.start()
     watched(one.log).until(lambda found: reached(found, state), process, STARTS_S)
     process.send_signal(signal.SIGINT)
-    code, said = finish(process)
-    assert code == 1, said
-    assert "Traceback" not in said
+    code, printed = finish(process)
+    assert code == 1, printed
+    assert "Traceback" not in printed
     wait_until(lambda: one.load_frame_status() == 0, 2.0)
     (segment,) = one.log.glob("*.mcap")
     with segment.open("rb") as stream:
@@ -62,16 +62,16 @@ def test_ctrl_c_stops_the_frame_and_finishes_the_log(
 
 
 @pytest.mark.parametrize("after_s", [0.1, 0.5, 1.0, 2.0])
-def test_ctrl_c_while_starting_leaves_no_traceback(instrument: Callable[..., Any], after_s: float) -> None:
+def test_ctrl_c_while_starting_prints_no_traceback(instrument: Callable[..., Any], after_s: float) -> None:
     one = instrument(f"early-{after_s}")
     process = one.start()
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
-    code, said = finish(process)
-    assert code in (1, -signal.SIGINT), said
+    code, printed = finish(process)
+    assert code in (1, -signal.SIGINT), printed
     # On a busy computer Python may not have come to a line of ours yet; then it answers itself, with files of its own.
-    of_ours = [line for line in said.splitlines() if 'File "' in line and '"<frozen ' not in line]
-    assert "Traceback" not in said or not of_ours, said
+    of_ours = [line for line in printed.splitlines() if 'File "' in line and '"<frozen ' not in line]
+    assert "Traceback" not in printed or not of_ours, printed
     assert one.load_frame_status() == 0
     assert not list(one.log.glob("*.part"))
 
@@ -104,16 +104,16 @@ main()
         *("devices.open_links", "protocol_loop.run"),
     ],
 )
-def test_ctrl_c_is_heard_at_every_stage_of_starting(instrument: Callable[..., Any], where: str) -> None:
-    """Between the handler and the run's control there was nobody to tell, and the run went on to its end."""
+def test_ctrl_c_takes_effect_at_every_stage_of_starting(instrument: Callable[..., Any], where: str) -> None:
+    """Between the handler and the run's control there was no receiver, and the run continued to its end."""
     one = instrument(f"starting-{where}")
     command = [sys.executable, "-c", INTERRUPTED, where, str(one.write_config())]
     process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    code, said = finish(process)
-    assert code == 1, said
-    assert "Traceback" not in said
+    code, printed = finish(process)
+    assert code == 1, printed
+    assert "Traceback" not in printed
     assert not logged(one.log, "/pair")
-    assert {told["after"] for told in logged(one.log, "/state")} <= {"connecting", "stopping", "aborted"}
+    assert {transition["after"] for transition in logged(one.log, "/state")} <= {"connecting", "stopping", "aborted"}
     assert one.load_frame_status() == 0
     assert not list(one.log.glob("*.part"))
 
@@ -126,9 +126,9 @@ def test_a_killed_analysis_is_started_again_and_loses_nothing(instrument: Callab
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     assert len(children) == 1
     os.kill(int(children[0]), signal.SIGKILL)
-    code, said = finish(process)
-    assert code == 0, said
-    assert "the analysis process died" in " ".join(said.split())
+    code, printed = finish(process)
+    assert code == 0, printed
+    assert "the analysis process died" in " ".join(printed.split())
     (result,) = logged(one.log, "/result")
     assert result["pairs"] == 5
     maps = [(one["reference"], one["current"]) for one in logged(one.log, "/dic/summary")]
@@ -137,20 +137,22 @@ def test_a_killed_analysis_is_started_again_and_loses_nothing(instrument: Callab
     assert exports == sorted(set(exports))
 
 
-def test_an_unreadable_image_is_refused_by_name_and_the_run_goes_on(instrument: Callable[..., Any], watched: Callable[[Path], Any]) -> None:
+def test_an_unreadable_image_is_refused_by_name_and_the_run_continues(
+    instrument: Callable[..., Any], watched: Callable[[Path], Any]
+) -> None:
     one = instrument("unreadable")
     one.wait_for_slow_answers()
     # A hold of 5 s: what comes when it is seen is looked at before the run ends.
     one.config["protocol"].update(calibration_shifts_px=[[0, 0]], loads_n=[], hold_s=100.0)
     process = one.start()
     watched(one.log).until(lambda found: reached(found, "holding"), process, STARTS_S)
-    # A picture of somebody else's: whole, but without any scan timing.
+    # An image of another source: complete, but without any scan timing.
     shape = (64, 64)
     png = cv2.imencode(".png", np.random.default_rng(1).integers(0, 255, shape, dtype=np.uint8))[1].tobytes()
     (Path(one.bench["export_folder"]) / "strange.png").write_bytes(png)
-    code, said = finish(process)
-    assert code == 0, said
-    assert "strange.png" in said
+    code, printed = finish(process)
+    assert code == 0, printed
+    assert "strange.png" in printed
     refused = [file for file in logged(one.log, "/sem/file") if file["name"] == "strange.png" and file["decision"] == "refused"]
     assert len(refused) == 1
     assert "dwell" in refused[0]["reason"]
@@ -159,16 +161,14 @@ def test_an_unreadable_image_is_refused_by_name_and_the_run_goes_on(instrument: 
 def test_a_load_beyond_the_limits_is_refused_before_anything_moves(instrument: Callable[..., Any]) -> None:
     one = instrument("beyond")
     one.config["protocol"]["loads_n"] = [100.0, 9000.0]
-    code, said = one.run()
-    assert code == 2, said
-    assert "9000" in said
-    assert "Traceback" not in said
+    code, printed = one.run()
+    assert code == 2, printed
+    assert "9000" in printed
+    assert "Traceback" not in printed
     assert not logged(one.log, "/command")
 
 
-def test_a_lost_bench_ends_the_run_with_one_sentence(
-    tmp_path: Path, instrument: Callable[..., Any], watched: Callable[[Path], Any]
-) -> None:
+def test_a_lost_bench_ends_the_run_with_one_message(tmp_path: Path, instrument: Callable[..., Any], watched: Callable[[Path], Any]) -> None:
     one = instrument("lost")
     scenario = one.folder.parent / "small.yaml"
     with running_simulator(str(scenario), tmp_path / "bench", 20.0) as bench:
@@ -178,8 +178,8 @@ def test_a_lost_bench_ends_the_run_with_one_sentence(
         one.config["run"]["clock_file"] = bench["clock_file"]
         process = one.start()
         watched(one.log).until(lambda found: reached(found, "holding"), process, STARTS_S)
-    code, said = finish(process)
+    code, printed = finish(process)
     assert code == 1
-    assert "Traceback" not in said
+    assert "Traceback" not in printed
     assert any(state["after"] == "fault" for state in logged(one.log, "/state"))
     assert logged(one.log, "/fault")

@@ -1,4 +1,4 @@
-"""The microscope scans when it is asked to: the same experiment as with one that scans all the time, in less time."""
+"""The microscope scans on request: the same experiment as with one that scans all the time, in less time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from semlive.service.log.files import messages
 
-# With 40 s a frame the hold of a step ends soon after a scan has begun, which a microscope that is not asked wastes.
+# With 40 s a frame the hold of a step ends soon after the start of a scan, which a free-running microscope wastes.
 SCENARIO = """
 extends: paper_x200
 scan: {width_px: 256, height_px: 221, frame_time_s: 40.0}
@@ -63,10 +63,10 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ran]:
         mode: subprocess.Popen([*command, str(root / mode), *options[mode]], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         for mode in MODES
     }
-    said = {mode: process.communicate(timeout=250)[0] for mode, process in started.items()}
+    printed = {mode: process.communicate(timeout=250)[0] for mode, process in started.items()}
     ran = {}
     for mode, process in started.items():
-        assert process.returncode == 0, said[mode]
+        assert process.returncode == 0, printed[mode]
         log: dict[str, list[dict[str, Any]]] = {}
         for message in messages(root / mode / "log" / "demo"):
             if message.topic in ("/state", "/pair", "/command", "/sem/file", "/sem/scan", "/fault", "/result"):
@@ -84,16 +84,16 @@ def test_the_run_completes(demos: dict[str, Ran], mode: str) -> None:
     assert "/fault" not in log
 
 
-def test_no_frame_is_scanned_in_vain_after_the_first_step(demos: dict[str, Ran]) -> None:
+def test_no_unused_frame_is_scanned_after_the_first_step(demos: dict[str, Ran]) -> None:
     ran = demos["triggered"]
     exports = [scan["export"] for scan in ran.log["/sem/scan"]]
-    # How well a start time is known is learned from the first frame: that one alone may have been asked for too early.
+    # The uncertainty of a start time is learned from the first frame: only that frame may have been requested too early.
     first_of_second_step = ran.paired[2]
     assert [export for export in exports if export >= first_of_second_step] == ran.paired[2:]
     assert len(exports) <= 2 * PAIRS + 1
-    # What was asked for is what was scanned, and what was scanned is in the log.
-    asked = [command for command in ran.log["/command"] if command["what"] == "trigger"]
-    assert len(asked) == len(exports) == len(ran.truth["frames"])
+    # Every request was scanned, and every scan is in the log.
+    triggers = [command for command in ran.log["/command"] if command["what"] == "trigger"]
+    assert len(triggers) == len(exports) == len(ran.truth["frames"])
     assert not any(frame["moving"] for frame in ran.truth["frames"])
 
 

@@ -86,7 +86,7 @@ def test_it_measures_until_the_drift_is_expected_to_be_slow_and_only_then_loads(
     assert requests[-1]["guards"]["rate_px_s"] < 0.7 * requests[0]["guards"]["rate_px_s"]
 
 
-def test_frames_scanned_in_a_hold_tell_its_drift(log: Path) -> None:
+def test_frames_scanned_in_a_hold_determine_its_drift(log: Path) -> None:
     observed = [item for item in logged(log, "/drift/hold")]
     scans = {item["export"]: item for item in logged(log, "/sem/scan")}
     paired = {item[member]["export"] for item in logged(log, "/pair") for member in ("first", "second")}
@@ -98,7 +98,7 @@ def test_frames_scanned_in_a_hold_tell_its_drift(log: Path) -> None:
         assert item["begin_time_ns"] == before["start_time_ns"]["value"] < after["start_time_ns"]["value"] < item["end_time_ns"]
         rest = [rests for time_ns, rests in at_rest if time_ns <= item["begin_time_ns"]][-1:]
         assert all(rest + [rests for time_ns, rests in at_rest if item["begin_time_ns"] < time_ns < item["end_time_ns"]])
-    # What the pairs say of the same drift when all is known; before the first pair they say nothing, and how many frames begin there is
+    # The same drift from all pairs; before the first pair they do not determine it, and how many frames begin there is
     # the scan's matter.
     drift = replay(ReplayRequest(log)).result.estimate.drift
     rate = CubicHermiteSpline(drift.time_s, drift.drift_px, drift.rate_px_s).derivative()
@@ -115,7 +115,7 @@ def test_holds_are_never_shorter_than_they_must_be_nor_longer_than_they_may(log:
     assert held
     for held_s, over_ns in held:
         # The loop turns twenty times a second, which at this rate is once a second of experiment time; on a busy computer it may
-        # have stood still, and then nothing was written either.
+        # have been suspended, and then nothing was written either.
         assert 30.0 <= held_s <= 64.0 + longest_silence_s(log, over_ns - round(held_s * 1e9), over_ns), held
     for pair in logged(log, "/pair"):
         over = next(item["time_ns"] for item in logged(log, "/state") if item["cause"] == "hold_over" and item["step"] == pair["pair"])

@@ -1,4 +1,4 @@
-"""A run at whose microscope something is wrong that the model does not have: the operator is told while it goes on, once."""
+"""A run with an effect that the model does not have: the operator gets one warning while it continues."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ effects:
   magnification_frame_instability: {sd: 1.0e-3, seed: 1}
 """
 PAIRS = 6
-SAID = "the residual of the maps after "
+WARNING = "the residual of the maps after "
 
 
 @pytest.fixture(scope="module")
@@ -23,29 +23,29 @@ def done(instrument: Callable[..., Any]) -> Any:
     one = instrument("unsteady")
     one.wait_for_slow_answers()
     one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0], [0, 6], [-6, 0], [0, -6]], loads_n=[600])
-    code, said = one.run()
-    assert code == 0, said
+    code, printed = one.run()
+    assert code == 0, printed
     return one
 
 
 @pytest.mark.timeout(500)
-def test_what_is_missing_is_said_once_and_what_to_ask(done: Any) -> None:
-    told = [(one.topic, json.loads(one.payload)) for one in messages(done.log) if one.topic in ("/fault", "/pair", "/result")]
-    (fault,) = [payload for topic, payload in told if topic == "/fault" and payload["what"].startswith(SAID)]
-    assert fault["where"] == "estimate with pair 4"  # the fifth: with fewer nothing can be said
+def test_a_missing_effect_is_reported_once_with_advice(done: Any) -> None:
+    logged_payloads = [(one.topic, json.loads(one.payload)) for one in messages(done.log) if one.topic in ("/fault", "/pair", "/result")]
+    (fault,) = [payload for topic, payload in logged_payloads if topic == "/fault" and payload["what"].startswith(WARNING)]
+    assert fault["where"] == "estimate with pair 4"  # the fifth: fewer pairs determine nothing
     assert "semlive diagnose LOG" in fault["action"]
     assert "test over the frame" in fault["what"]
-    # The run went on, and its end says what is left of all pairs.
-    assert sum(topic == "/pair" for topic, _ in told) == PAIRS
-    (result,) = [payload for topic, payload in told if topic == "/result"]
-    assert sum(one.startswith(f"WARNING: {SAID}{PAIRS} pairs") for one in result["warnings"]) == 1
+    # The run continued, and its end reports the residual of all pairs.
+    assert sum(topic == "/pair" for topic, _ in logged_payloads) == PAIRS
+    (result,) = [payload for topic, payload in logged_payloads if topic == "/result"]
+    assert sum(one.startswith(f"WARNING: {WARNING}{PAIRS} pairs") for one in result["warnings"]) == 1
 
 
 @pytest.mark.timeout(500)
-def test_a_replay_says_the_same_and_so_does_the_report(done: Any, semlive: Callable[..., tuple[int, str, str]]) -> None:
+def test_replay_and_report_repeat_the_warning(done: Any, semlive: Callable[..., tuple[int, str, str]]) -> None:
     page = done.folder / "report.html"
     for words in (("replay", done.log, "--from-disparity"), ("report", done.log, "-o", page)):
         code, out, err = semlive(*words)
         assert code == 0, err
         assert words[0] == "report" or "live and replayed results are identical" in out
-    assert f"<li>{SAID}{PAIRS} pairs" in page.read_text(encoding="utf-8")
+    assert f"<li>{WARNING}{PAIRS} pairs" in page.read_text(encoding="utf-8")

@@ -86,15 +86,15 @@ class Person:
         """Answer every question, loads first wrongly and the last load on the page; everything that was on the terminal."""
         deadline = time.monotonic() + TIMEOUT_S
         while (text := self.read()) is not None and time.monotonic() < deadline:
-            if (asked := LOAD.search(text)) is not None:
-                answer = self.answer_on_page if asked[1] == "300" else self.answer
+            if (prompt := LOAD.search(text)) is not None:
+                answer = self.answer_on_page if prompt[1] == "300" else self.answer
                 answer("abc")
                 self.wait_for("is no load")
-                answer(str(float(asked[1]) - 30.0))
+                answer(str(float(prompt[1]) - 30.0))
                 self.wait_for("bring it nearer")
-                answer(asked[1])
+                answer(prompt[1])
                 if self._question:
-                    answer(asked[1])
+                    answer(prompt[1])
             elif MOVE.search(text) is not None:
                 self.answer("")
         self.process.wait(TIMEOUT_S)
@@ -106,7 +106,7 @@ class Person:
 class Rehearsal:
     folder: Path
     code: int
-    said: str
+    printed: str
     page_replies: tuple[tuple[int, str], ...]
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
@@ -118,33 +118,33 @@ def rehearsal(tmp_path_factory: pytest.TempPathFactory) -> Rehearsal:
     folder = tmp_path_factory.mktemp("rehearsal") / "demo"
     command = [sys.executable, "-m", "semlive", "demo", "--operator", "--short", "--rate", "40", "--out", str(folder)]
     person = Person(command)
-    said = " ".join(COLOURS.sub("", person.rehearse()).split())
-    return Rehearsal(folder, person.process.returncode, said, tuple(person.page_replies))
+    printed = " ".join(COLOURS.sub("", person.rehearse()).split())
+    return Rehearsal(folder, person.process.returncode, printed, tuple(person.page_replies))
 
 
 @pytest.mark.timeout(600)
 def test_a_person_who_answers_comes_to_the_result(rehearsal: Rehearsal) -> None:
-    assert rehearsal.code == 0, rehearsal.said[-3000:]
-    assert "only the simulated instrument moves" in rehearsal.said
-    assert "recovered and true values" in rehearsal.said
+    assert rehearsal.code == 0, rehearsal.printed[-3000:]
+    assert "only the simulated instrument moves" in rehearsal.printed
+    assert "recovered and true values" in rehearsal.printed
     assert rehearsal.logged("/state")[-1]["after"] == "complete"
     assert len(rehearsal.logged("/pair")) == 4
 
 
 @pytest.mark.checkout
-def test_the_tutorial_shows_what_is_asked(rehearsal: Rehearsal) -> None:
+def test_the_tutorial_shows_the_prompts(rehearsal: Rehearsal) -> None:
     page = [line.strip() for line in TUTORIAL.read_text(encoding="utf-8").splitlines() if line.startswith("    ")]
     shown = [line for line in page if line.startswith(("rehearsal:", "in the load frame's", "abc is", "that is"))]
     assert len(shown) == 4
     for line in shown:
-        assert line in rehearsal.said, line
+        assert line in rehearsal.printed, line
 
 
 def test_wrong_answers_end_no_question(rehearsal: Rehearsal) -> None:
     events = [(one["what"], one["args"]["text"]) for one in rehearsal.logged("/operator") if one["what"] in ("asked", "answered")]
     assert [what for what, _ in events] == ["asked", "answered"] * 4
     assert [text for what, text in events if what == "answered"] == ["", "", "100", "300"]
-    assert "that is -30 N from 300 N" in rehearsal.said
+    assert "that is -30 N from 300 N" in rehearsal.printed
 
 
 def test_the_last_load_is_answered_on_the_page(rehearsal: Rehearsal) -> None:

@@ -33,7 +33,7 @@ from sidebyside.measure import measure
 from sidebyside.table import Row, rows
 
 SHORTER = {"replay": ["--from-disparity"], "simulate": ["--frames", "0"]}
-"""So that the whole takes half a minute; with images and all frames the tutorial and test_cli_simulate do it."""
+"""So that the complete demo takes half a minute; with images and all frames the tutorial and test_cli_simulate do it."""
 SLOW = re.compile(r"diagnose|experiment decide|replay.* --model|report|simulate.* --from|.* (?:my-|runs/|test\.tif)")
 """Run from top to bottom of the tutorial and of the first experiment, of short logs in test_cli_diagnose, or by test_pages."""
 PAGES = Path(__file__).parents[2] / "docs"
@@ -43,10 +43,10 @@ GOLDEN = Path(__file__).parents[1] / "golden" / "score_names.json"
 
 @dataclass(frozen=True)
 class Demo:
-    """A finished run and what it said."""
+    """A finished run and its output."""
 
     folder: Path
-    said: str
+    printed_text: str
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
 @pytest.mark.timeout(600)
 def test_the_short_demo_runs_to_its_table(demo: Demo) -> None:
     for words in ("recovered and true values", "Young's modulus", "Poisson's ratio", "report.html"):
-        assert words in demo.said
+        assert words in demo.printed_text
     scores = json.loads((demo.folder / "score.json").read_text(encoding="utf-8"))
     assert abs(scores["Young's modulus"]["error"]) < 0.03 * 71.1
     assert abs(scores["Poisson's ratio"]["error"]) < 0.02
@@ -126,9 +126,9 @@ def test_what_the_pages_show_can_be_done_with_its_log(demo: Demo, tmp_path: Path
         "WITH": log,
         "hdf5|csv|mat|vtk|vtu|png|nexus|ro-crate": "hdf5",
     }
-    told = [line for _, line in CASES if line.split()[0] in ON_A_LOG and re.search(r" (?:LOG|FILE|REF|CONFIG|SCENARIO)\b", line)]
+    command_lines = [line for _, line in CASES if line.split()[0] in ON_A_LOG and re.search(r" (?:LOG|FILE|REF|CONFIG|SCENARIO)\b", line)]
     typed: dict[tuple[str, ...], str] = {}
-    for line in (one for one in told if not SLOW.match(one)):
+    for line in (one for one in command_lines if not SLOW.match(one)):
         name, *given = shlex.split(line)
         words = [str(places.get(word.rstrip("."), word)) for word in given]
         words += ["--format", "hdf5"] if name == "export" and "--format" not in words else []
@@ -166,7 +166,7 @@ def test_the_score_keeps_its_contract(scored: dict[str, dict[str, Any]]) -> None
 
 
 def test_stated_uncertainties_are_about_right(scored: dict[str, dict[str, Any]]) -> None:
-    """Coverage of many points within what it should be; few frames share few errors, so their coverage says less."""
+    """Coverage of many points within its bounds; few frames share few errors, so their coverage has a larger uncertainty."""
     for name, bound in (
         ("displacement of points", 0.04),
         ("distortion", 0.3),

@@ -172,9 +172,9 @@ def test_the_clock_of_the_microscope_is_wrong(tmp_path: Path) -> None:
 
 def test_a_late_sidecar_does_not_hold_up_the_next_image(tmp_path: Path) -> None:
     looks, exported, _ = watched(tmp_path, small(vendor=Vendor.JEOL, delay_s=0.1, duration_s=0.3, sidecar_delay_s=7.0), 2)
-    first_seen = {look.name: look.time_s for look in reversed(looks)}
-    assert first_seen["x200_0003.tif"] < first_seen["x200_0001.txt"] + 0.5  # frames are 3 s apart, the sidecar is 7.4 s late
-    assert first_seen["x200_0002.tif"] < first_seen["x200_0001.txt"] - 2.0
+    first_observed = {look.name: look.time_s for look in reversed(looks)}
+    assert first_observed["x200_0003.tif"] < first_observed["x200_0001.txt"] + 0.5  # frames are 3 s apart, the sidecar is 7.4 s late
+    assert first_observed["x200_0002.tif"] < first_observed["x200_0001.txt"] - 2.0
     assert [item.file for item in exported[:2]] == ["x200_0001.tif", "x200_0002.tif"]
     for item in exported[:2]:
         written_ns = (tmp_path / item.file).with_suffix(".txt").stat().st_mtime_ns
@@ -183,7 +183,7 @@ def test_a_late_sidecar_does_not_hold_up_the_next_image(tmp_path: Path) -> None:
 
 def test_a_share_slower_than_the_scans_delays_files_but_neither_scans_nor_clock(tmp_path: Path) -> None:
     scenario = small(delay_s=0.1, duration_s=4.9, chunks=5)  # frames are 3 s apart
-    # A computer that stands still for 0.1 s stretches the clock as well, but not every time; a share that held up scans would.
+    # A computer that hangs for 0.1 s stretches the clock as well, but not every time; a share that held up scans would.
     for attempt in range(5):
         clocks: list[Clock] = []
         folder = tmp_path / str(attempt)
@@ -207,10 +207,10 @@ def test_a_file_is_never_finished_and_the_next_one_is(tmp_path: Path, style: Wri
     looks, exported, _ = watched(tmp_path, scenario, 2)
     assert [item.frame for item in exported[:2]] == [0, 2]
     working = "x200_0002.tif.tmp" if style is WriteStyle.RENAME else "x200_0002.tif"
-    sizes_seen = sizes(looks, working)
+    sizes_observed = sizes(looks, working)
     whole = (tmp_path / "x200_0001.tif").stat().st_size
-    assert max(sizes_seen) == pytest.approx(left * whole, rel=0.02)
-    assert (tmp_path / working).stat().st_size == max(sizes_seen)
+    assert max(sizes_observed) == pytest.approx(left * whole, rel=0.02)
+    assert (tmp_path / working).stat().st_size == max(sizes_observed)
     assert not (tmp_path / "x200_0002.txt").exists()
     assert (tmp_path / "x200_0003.txt").exists()
 

@@ -80,7 +80,7 @@ def test_a_live_frame_is_the_rendered_one_to_the_last_bit(tmp_path: Path, kind: 
     assert np.array_equal(first.image, render_frame(scenario, start_s, first.window.motion, first.frame))
 
 
-def test_effects_that_hang_on_moves_and_on_time_see_the_same_live(tmp_path: Path) -> None:
+def test_effects_that_depend_on_moves_and_on_time_are_equal_in_a_live_scan(tmp_path: Path) -> None:
     effects = EffectSet((StageStepTransient(0.1, 5.0), WrongRowTime(0.044), Vibration.defaults("x200")))
     scenario = replace(small(integrations=4), effects=effects)
     exported, _, clock = live(scenario, tmp_path)
@@ -125,7 +125,7 @@ def test_the_memory_of_motion_reaches_over_a_long_frame() -> None:
         assert window.motion.time_s[-1] >= end_s - STEP_NS * 1e-9
 
 
-def test_shifts_of_the_beam_are_remembered_apart_from_the_stage() -> None:
+def test_beam_shifts_are_stored_separately_from_stage_moves() -> None:
     machine = LoadTrain(PAPER, 0)
     machine.move_stage(10.0, 0.0)
     machine.advance_to(5_000_000_000)

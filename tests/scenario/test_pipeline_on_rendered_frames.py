@@ -90,27 +90,27 @@ def test_the_elastic_constants_come_out(analysed: tuple[RunResult, Scenario]) ->
 def test_what_was_predicted_of_its_frames_gives_a_pair_the_same_maps_sooner() -> None:
     first, second = pairs(load_scenario("paper_x200"))[:2]
     started, _ = pipeline.analyse(AnalysisSettings(), None, first)
-    foreseen = {
+    precorrelated = {
         item.info.export: pipeline.precorrelate(started, item, first=expected)
         for item, expected in ((second.first, True), (second.second, False))
     }
-    assert [item.prepared_reference is None for item in foreseen.values()] == [False, True]
-    plain, sooner = pipeline.correlate(started, second), pipeline.correlate(started, second, foreseen)
+    assert [item.prepared_reference is None for item in precorrelated.values()] == [False, True]
+    plain, sooner = pipeline.correlate(started, second), pipeline.correlate(started, second, precorrelated)
     assert [encode_map(item) for item in sooner] == [encode_map(item) for item in plain]
-    astray = {second.first.info.export: foreseen[second.second.info.export]}
+    astray = {second.first.info.export: precorrelated[second.second.info.export]}
     assert encode_map(pipeline.correlate(started, second, astray)[1]) != encode_map(plain[1])
 
 
-def test_integrated_scans_are_compared_when_the_pair_is_whole() -> None:
+def test_integrated_scans_are_compared_when_the_pair_is_complete() -> None:
     first, second = pairs(load_scenario("paper_x200"))[:2]
     started, _ = pipeline.analyse(AnalysisSettings(), None, first)
     timing = replace(second.first.info.timing, integrations=Sourced(16, Provenance.FILE))
-    known = pipeline.precorrelate(started, replace(second.first, info=replace(second.first.info, timing=timing)), first=True)
-    assert known.prepared_reference is not None
-    assert known.from_frame_0 is None
+    precorrelation = pipeline.precorrelate(started, replace(second.first, info=replace(second.first.info, timing=timing)), first=True)
+    assert precorrelation.prepared_reference is not None
+    assert precorrelation.from_frame_0 is None
 
 
-def test_two_frames_of_a_rest_tell_the_drift_between_them() -> None:
+def test_two_stationary_frames_determine_the_drift_between_them() -> None:
     scenario = load_scenario("paper_x200")
     item = pairs(scenario)[1]
     observed = dic.hold_drift(item.first, item.second, DicSettings())

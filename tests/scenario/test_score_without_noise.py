@@ -31,7 +31,7 @@ def errors(request: pytest.FixtureRequest) -> RunErrors:
     return compare_with_truth(concluded(experiment, settings), Truth.of(truth(experiment)))
 
 
-def test_motion_is_judged_in_the_gauge_in_which_it_can_be_known(errors: RunErrors) -> None:
+def test_motion_is_judged_in_the_gauge_in_which_it_is_determined(errors: RunErrors) -> None:
     """With the affine part B of the distortion counted on the wrong side, shifts are B d off: 0.02 px with drift of 10 px."""
     worst = np.max([np.abs(item.measured_px - item.true_px) for item in errors.shifts], axis=0)
     assert worst[1] < 1e-3

@@ -53,7 +53,7 @@ def moved_in(scene: Scene) -> Steps:
 
 
 def preallocated(scene: Scene) -> Steps:
-    """Has its size at once, zeros first, and stands still in the middle for longer than the watch asks for."""
+    """Has its size at once, zeros first, and does not change in the middle for longer than the watch requires."""
     name, made = scene.product()
     scene.expect("preallocated", name, made.image, sidecar=made.sidecar)
     scene.text_of(name, made)
@@ -108,7 +108,7 @@ def no_text(scene: Scene) -> Steps:
 
 
 def foreign_text(scene: Scene) -> Steps:
-    """The text beside it is that of another image."""
+    """The text next to it is that of another image."""
     name, made = scene.product()
     _, other = scene.product(scale=2)
     scene.expect("text of another image", name, None, "its header describes another image")
@@ -128,7 +128,7 @@ def cut(scene: Scene) -> Steps:
 
 
 def zeros(scene: Scene) -> Steps:
-    """Preallocated and half filled for good."""
+    """Preallocated and half filled permanently."""
     name, made = scene.product(Vendor.ZEISS)
     scene.expect("zeros", name, None, "rows are zero")
     size = len(made.image)
@@ -187,7 +187,7 @@ def overwritten_unseen(scene: Scene) -> Steps:
 
 
 def deleted(scene: Scene) -> Steps:
-    """Gone before it was whole."""
+    """Gone before it was complete."""
     name, made = scene.product()
     scene.expect("deleted", name, None, "disappeared before it was complete")
     scene.write(name, made.image[: len(made.image) // 3])

@@ -1,4 +1,4 @@
-"""A watched folder under a clock that is moved by hand, what goes on in it, and the verdicts on its files."""
+"""A watched folder under a clock that is moved by hand, the events in it, and the verdicts on its files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class HandClock:
 
 @dataclass
 class Expected:
-    """What the watch must say of one name."""
+    """The required verdict of the watch on one name."""
 
     pattern: str
     data: bytes | None = None
@@ -46,7 +46,7 @@ class Expected:
 
 @dataclass
 class Scene:
-    """A watched folder, what goes on in it and what was said about it."""
+    """A watched folder, the events in it and the reports about it."""
 
     path: Path
     aside: Path
@@ -55,7 +55,7 @@ class Scene:
     rng: np.random.Generator
     vendor: str | None = None
     watched_at: Path | None = None
-    """Where the watch sees the folder, if not at `path`: on another computer's side of a share."""
+    """Path of the folder for the watch, if not at `path`: on another computer's side of a share."""
     expected: dict[str, Expected] = field(default_factory=dict)
     files: list[ExportedFile] = field(default_factory=list)
     refused: list[RejectedFile] = field(default_factory=list)
@@ -90,7 +90,7 @@ class Scene:
         return name, Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 0, "x", vendor).encode(image, facts)
 
     def expect(self, pattern: str, name: str, data: bytes | None, *refusals: str, sidecar: bytes | None = None) -> None:
-        """Say what must come of a name."""
+        """Register the expected verdict on a name."""
         self.expected[name] = Expected(pattern, data, sidecar, refusals)
 
     def write(self, name: str, data: bytes, mtime_ns: int | None = None) -> None:
@@ -101,7 +101,7 @@ class Scene:
         os.utime(path, ns=(when, when))
 
     def text_of(self, name: str, made: EncodedFrame) -> None:
-        """The text beside it, if its vendor writes one."""
+        """The text next to it, if its vendor writes one."""
         if made.sidecar is not None:
             self.write(Path(name).with_suffix(".txt").name, made.sidecar)
 
@@ -114,13 +114,13 @@ def wrong_verdicts(scene: Scene) -> list[str]:
     """Every name whose verdict is not the one expected, given once."""
     wrong: list[str] = []
     taken = {name: [one for one in scene.files if one.name == name] for name in {one.name for one in scene.files}}
-    said = {name: [one.reason for one in scene.refused if one.name == name] for name in {one.name for one in scene.refused}}
-    for name in scene.expected.keys() | taken.keys() | said.keys():
+    reasons = {name: [one.reason for one in scene.refused if one.name == name] for name in {one.name for one in scene.refused}}
+    for name in scene.expected.keys() | taken.keys() | reasons.keys():
         want = scene.expected.get(name, Expected("nobody's"))
-        came, refusals = taken.get(name, []), said.get(name, [])
-        whole = [(one.data, one.sidecar) for one in came] == ([] if want.data is None else [(want.data, want.sidecar)])
-        told = len(refusals) == len(want.refusals) and all(part in one for part, one in zip(want.refusals, refusals, strict=False))
-        if not (whole and told):
+        came, refusals = taken.get(name, []), reasons.get(name, [])
+        complete = [(one.data, one.sidecar) for one in came] == ([] if want.data is None else [(want.data, want.sidecar)])
+        reported = len(refusals) == len(want.refusals) and all(part in one for part, one in zip(want.refusals, refusals, strict=False))
+        if not (complete and reported):
             wrong.append(f"{name} ({want.pattern}): taken {len(came)} times, refused {refusals}")
     if [one.index for one in scene.files] != list(range(len(scene.files))):
         wrong.append("exports are not numbered in order")

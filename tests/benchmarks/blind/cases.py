@@ -27,16 +27,16 @@ from semlive_simulators.effects.scan_timing import WrongRowTime
 GRID = Grid(101, 101, 15, 50, 40, 43)
 """Every third point of the usual grid: its block means differ by less than their noise, and cases are made in half the time."""
 FIRST_SEED = {"development": 1, "final": 100_001}
-"""Nothing may be chosen by what the final set says."""
+"""Nothing may be chosen by the results of the final set."""
 WIDEST = 1.0
 """Error of a row time: the largest in the catalogue. Where the drift's rate hardly varies maps show little even of that."""
-NOTHING, ONE, TWO, STRANGER = "nothing", "one", "two", "stranger"
-DEFORMED_LAW, LEFT_OUT, CONFOUNDED = "deformed", "left out", "confounded"
-SWALLOWED = (  # by the distortion, the gauge, the free strain or the drift: one experiment cannot tell them from these
+NOTHING, ONE, TWO, UNLISTED = "nothing", "one", "two", "stranger"
+DEFORMED_LAW, REMOVED, CONFOUNDED = "deformed", "left out", "confounded"
+SWALLOWED = (  # by the distortion, the gauge, the free strain or the drift: one experiment cannot separate them from these
     "flyback_settling", "frame_start_settling", "line_sync_hum", "scan_nonlinearity", "anisotropic_pixel", "scan_nonorthogonality",
     "out_of_plane_translation", "inplane_misalignment", "warmup_transient", "random_walk_drift",
 )  # fmt: skip
-APART = (  # their fields have nothing in common that the baseline leaves
+SEPARABLE = (  # their fields have nothing in common outside of the baseline
     ("magnification_drift", "tilt_with_load"),
     ("raster_rotation_drift", "bending_misalignment"),
     ("thermal_oscillation", "refocus_magnification_step"),
@@ -51,9 +51,9 @@ class Case:
     """What is hidden.
 
     Attributes:
-        kind: nothing; one, or two; a stranger; one with a deformed law, one that is left out of the dictionary, one that is confounded.
+        kind: nothing; one, or two; an unlisted effect; one with a deformed model; one removed from the dictionary; a confounded one.
         names: of what is hidden.
-        size: times what can be detected; px of a stranger; what is confounded is as large as the library has it at x200.
+        size: times what can be detected; px of an unlisted effect; what is confounded is as large as the library has it at x200.
         seed: of everything.
         white: whether points share no noise and none is lost or wrong.
     """
@@ -66,9 +66,9 @@ class Case:
 
     @property
     def key(self) -> str:
-        """By which its data and verdict are known: tells nothing of what is hidden."""
-        told = {name: value for name, value in asdict(self).items() if name != "white" or value}
-        return hashlib.sha256(b"semlive blind, sizes as they can be detected " + json.dumps(told).encode()).hexdigest()[:16]
+        """Key of its data and verdict; reveals nothing of the hidden effect."""
+        fields = {name: value for name, value in asdict(self).items() if name != "white" or value}
+        return hashlib.sha256(b"semlive blind, sizes as they can be detected " + json.dumps(fields).encode()).hexdigest()[:16]
 
     def effects(self) -> tuple[Effect, ...]:
         """What is hidden."""
@@ -76,13 +76,13 @@ class Case:
 
     def sized(self) -> tuple[Effect, ...]:
         """The same, without the cache."""
-        if self.kind == STRANGER:
-            return (self._stranger(),)
+        if self.kind == UNLISTED:
+            return (self._unlisted_effect(),)
         if self.kind == CONFOUNDED:
             return (LIBRARY[self.names[0]].defaults("x200"),)
         return tuple(self._effect(name, peak_px(name, self.size)) for name in self.names)
 
-    def _stranger(self) -> Effect:
+    def _unlisted_effect(self) -> Effect:
         kind = STRANGE[self.names[0]]
         return kind(self.size**2 / largest_px(self.conditions(), (kind(self.size, self.seed),)), self.seed)
 
@@ -110,7 +110,7 @@ class Case:
 
     def truth(self) -> dict[str, dict[str, float]]:
         """What diagnosis should report of each effect."""
-        if self.kind in (STRANGER, CONFOUNDED, DEFORMED_LAW):
+        if self.kind in (UNLISTED, CONFOUNDED, DEFORMED_LAW):
             return {name: {} for name in self.names}
         return {name: hidden_values(name, one) for name, one in zip(self.names, self.effects(), strict=True)}
 
@@ -132,15 +132,15 @@ class Case:
         )
 
     def dictionary(self) -> tuple[EffectClass, ...]:
-        """The effects that diagnosis knows."""
-        return tuple(one for one in EFFECT_CLASSES if self.kind != LEFT_OUT or one.name not in self.names)
+        """The effects in the dictionary of diagnosis."""
+        return tuple(one for one in EFFECT_CLASSES if self.kind != REMOVED or one.name not in self.names)
 
     def observed(self, grid: Grid = GRID, settings: EstimateSettings | None = None) -> Observation:
         """The data."""
         return observed(self.conditions(), self.effects(), grid, settings)
 
 
-@cache  # a size is found by two simulations of the whole experiment
+@cache  # a size is found by two simulations of the complete experiment
 def _effects(case: Case) -> tuple[Effect, ...]:
     return case.sized()
 
@@ -165,16 +165,16 @@ class Counts:
     doubles: int = 0
     strange: int = 0
     deformed: int = 0
-    left_out: int = 0
+    removed: int = 0
     confounded: int = 0
 
 
 def cases(which: str, counts: Counts, sizes: Sequence[float], names: Sequence[str]) -> Iterator[Case]:
-    """Cases in an order in which each part of the list says something of all.
+    """Cases in an order in which each part of the list holds cases of every kind.
 
     Args:
         which: development or final.
-        counts: how many; two effects, deformed laws and what is left out come at eight times.
+        counts: how many; two effects, deformed models and removed effects come at eight times.
         sizes: of single effects, times what can be detected.
         names: of single effects.
     """
@@ -188,15 +188,15 @@ def cases(which: str, counts: Counts, sizes: Sequence[float], names: Sequence[st
         for null in range(number * each, min((number + 1) * each, nulls)):
             yield Case(NOTHING, (), 0.0, first + 5000 + null)
         if number < counts.doubles:
-            yield Case(TWO, APART[number % len(APART)], 8.0, first + 3000 + number)
+            yield Case(TWO, SEPARABLE[number % len(SEPARABLE)], 8.0, first + 3000 + number)
         if number < counts.strange:
             for name in STRANGE:
                 for size_px in (0.03, 0.1):
-                    yield Case(STRANGER, (name,), size_px, first + 4000 + number)
-        for kind, count, among in (
+                    yield Case(UNLISTED, (name,), size_px, first + 4000 + number)
+        for kind, count, effect_names in (
             (DEFORMED_LAW, counts.deformed, DEFORMED),
-            (LEFT_OUT, counts.left_out, tuple(DETECTABLE_PX)),
+            (REMOVED, counts.removed, tuple(DETECTABLE_PX)),
             (CONFOUNDED, counts.confounded, SWALLOWED),
         ):
-            for name in among if number < count else ():
+            for name in effect_names if number < count else ():
                 yield Case(kind, (name,), 1.0 if kind == CONFOUNDED else 8.0, first + 2000 + number)

@@ -75,7 +75,7 @@ class _Oscillation(ThermalOscillation):
 
 class _Creep(CreepInHold):
     def specimen_gradient(self, at: Instants) -> Array:
-        """A Kelvin element beside the logarithm."""
+        """A Kelvin element in addition to the logarithm."""
         more = np.zeros(at.time_s.size)
         for step in at.motion.history.load_steps:
             slow = -np.expm1(-np.maximum(at.time_s - step.time_s, 0.0) / LATER_S)

@@ -72,7 +72,7 @@ class Conditions:
         bent_like: the seed of an experiment with the same distortion; None for one of its own.
         noise_seed: of noise, lost and wrong points alone; None takes the seed of everything.
         parked: whether the stage stays where it is.
-        moves_px: where the stage is told to go, as far as there are pairs.
+        moves_px: commanded stage positions, as far as there are pairs.
         stage_error_px: standard deviation of where it gets to, along each axis.
         of_column: whether the distortion stays with the column where the scan is turned, and does not turn with it.
         injected: strain along y that every pair under load has besides.
@@ -138,7 +138,7 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
     noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.noisy, WIDTH_PX, HEIGHT_PX)
     points = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
     here, weight = within_subsets(points, conditions.subset_px)
-    material = seen_at(world, here, 0, reported[0].motion)
+    material = observed_at(world, here, 0, reported[0].motion)
     found = []
     for pose in reported:
         first, second = 2 * pose.pair, 2 * pose.pair + 1
@@ -178,7 +178,7 @@ def _world(conditions: Conditions, run_s: float, effects: tuple[Effect, ...]) ->
         distortion = world.distortion
     if not conditions.of_column:
         return world
-    return replace(world, distortion=cast(Distortion, OfColumn.seen_by(world)))
+    return replace(world, distortion=cast(Distortion, OfColumn.in_world(world)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,8 +194,8 @@ class OfColumn:
     raster: Field
 
     @classmethod
-    def seen_by(cls, world: World) -> OfColumn:
-        """That of a world whose scan is alike at all times."""
+    def in_world(cls, world: World) -> OfColumn:
+        """That of a world with a constant scan."""
         scan = world.column.scan
         bent = world.column.effects.deflection(Instants(np.zeros(1), 0.0, 0, scan, at_rest((0.0, 0.0), np.zeros((2, 2)))))
         return cls(world.distortion, scan.rotation if bent is None else scan.rotation @ (np.eye(2) - bent[0]))
@@ -213,7 +213,7 @@ def largest_px(conditions: Conditions, effects: tuple[Effect, ...]) -> float:
 
 
 def beyond_shear_px(conditions: Conditions, effects: tuple[Effect, ...]) -> float:
-    """The largest of what is left of it when rows may slide over each other in every map as they like: u = a + g y."""
+    """The largest residual of it when rows may slide over each other in every map as they like: u = a + g y."""
     u, v = _added(conditions, effects)
     rows = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, COARSE.ny), 2))[0]
     slid = np.einsum("ya,za,fzx->fyx", rows, rows, u.mean(axis=2, keepdims=True))
@@ -241,7 +241,7 @@ def address(world: World, material: Field, frame: int, motion: Motion, near: Fie
     """(n, 2) scan addresses at which a frame shows material points (n, 2)."""
     at = near
     for _ in range(MAX_ITERATIONS):
-        wrong = seen_at(world, at, frame, motion) - material
+        wrong = observed_at(world, at, frame, motion) - material
         at = at - _by_scan(world, wrong)
         if np.max(np.abs(wrong)) < STANDS_STILL_PX:
             return at
@@ -253,7 +253,7 @@ def _by_scan(world: World, moved: Field) -> Field:
     return moved @ world.column.scan.rotation if world.column.scan.rotation_rad else moved
 
 
-def seen_at(world: World, at: Field, frame: int, motion: Motion) -> Field:
+def observed_at(world: World, at: Field, frame: int, motion: Motion) -> Field:
     """(n, 2) material points that a frame shows at scan addresses (n, 2)."""
     column, scan, timing_ = world.column, world.column.scan, world.column.timing
     rows = np.arange(scan.height_px)

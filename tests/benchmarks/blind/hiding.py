@@ -59,7 +59,7 @@ def hidden_effect(name: str, peak_px: float, seed: int) -> tuple[Effect, ...]:
 
 
 def hidden_values(name: str, effect: Any) -> dict[str, float]:
-    """What diagnosis would report of a hidden effect if it made no error, by the names that it uses; changes are those of the whole run."""
+    """Report of an error-free diagnosis on a hidden effect, by the names that it uses; changes are those of the complete run."""
     reported_text = {one.name: getattr(effect, one.name) for one in fields(effect)}
     if "change" in reported_text and name != "distortion_scale_drift":
         grown = -math.expm1(-END_S / reported_text["time_constant_s"])

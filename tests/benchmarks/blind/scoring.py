@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from blind.cases import CONFOUNDED, DEFORMED_LAW, LEFT_OUT, NOTHING, ONE, STRANGER, TWO, Case
+from blind.cases import CONFOUNDED, DEFORMED_LAW, NOTHING, ONE, REMOVED, TWO, UNLISTED, Case
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from scipy.stats import beta
 
@@ -28,16 +28,16 @@ def at_most(count: int, total: int) -> float:
 
 def judged(case: Case, verdict: Verdict) -> str:
     """What a verdict is worth: right, set (truth among several), wrong, or the outcome that names nothing."""
-    outcome, names, among = str(verdict["outcome"]), _names(verdict["names"]), _names(verdict["ambiguous"])
+    outcome, names, alternatives = str(verdict["outcome"]), _names(verdict["names"]), _names(verdict["ambiguous"])
     if outcome == "IDENTIFIED":
         return "right" if sorted(names) == sorted(case.names) else "wrong"
     if outcome == "AMBIGUOUS":
-        return "set" if set(case.names) <= {*names, *among} and case.names else "wrong"
+        return "set" if set(case.names) <= {*names, *alternatives} and case.names else "wrong"
     return outcome
 
 
-def _names(told: object) -> list[str]:
-    return [str(item) for item in told] if isinstance(told, list) else []
+def _names(names: object) -> list[str]:
+    return [str(item) for item in names] if isinstance(names, list) else []
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +64,16 @@ class Bar:
         share = self.count / self.total
         met = bound <= self.limit if self.below else bound >= self.limit
         printed = "met" if met else "open" if (share <= self.limit if self.below else share >= self.limit) else "missed"
-        return f"| {self.about} | {self.total} | {100 * share:.1f} % | {100 * bound:.1f} % | {self._asked()} | {printed} |"
+        return f"| {self.about} | {self.total} | {100 * share:.1f} % | {100 * bound:.1f} % | {self._required()} | {printed} |"
 
-    def _asked(self) -> str:
+    def _required(self) -> str:
         return f"{'at most' if self.below else 'at least'} {100 * self.limit:g} %"
 
 
 def bars(scored: Scored) -> Iterable[Bar]:
-    """All that shares can be stated of; cases that are faint at their largest are listed beside it.
+    """All that shares can be stated of; cases that are faint at their largest are listed separately.
 
-    What nothing in the data tells from a shear need not be named, only not misnamed: it counts in all rows but that of right names.
+    An effect inseparable from a shear need not be named, only not misnamed: it counts in all rows but that of right names.
     """
     by = defaultdict(list)
     scored = [(case, verdict) for case, verdict in scored if not case.faint]
@@ -88,8 +88,8 @@ def bars(scored: Scored) -> Iterable[Bar]:
     for size in sizes:
         printed = by[ONE, size]
         if size in requests:
-            apart = [judged(case, item) for case, item in scored if (case.kind, case.size) == (ONE, size) and not case.sheared]
-            yield Bar(f"correct effect at {size:g} times", apart.count("right"), len(apart), requests[size], below=False)
+            distinct = [judged(case, item) for case, item in scored if (case.kind, case.size) == (ONE, size) and not case.sheared]
+            yield Bar(f"correct effect at {size:g} times", distinct.count("right"), len(distinct), requests[size], below=False)
         if size >= 4.0:
             yield Bar(
                 f"truth in the stated set at {size:g} times", printed.count("right") + printed.count("set"), len(printed), 0.99, below=False
@@ -100,7 +100,7 @@ def bars(scored: Scored) -> Iterable[Bar]:
     yield Bar("two effects at 8 times, both found", both, len(doubles), 0.95, below=False)
     yield Bar("two effects at 8 times, and no other", by[TWO, 8.0].count("right"), len(doubles), 0.90, below=False)
     for size, limit in ((0.1, 0.95), (0.03, 0.85)):
-        printed = by[STRANGER, size]
+        printed = by[UNLISTED, size]
         yield Bar(f"UNKNOWN for an unlisted effect, {size:g} px", printed.count("UNKNOWN"), len(printed), limit, below=False)
     yield Bar(
         "correct effect at 8 times, modified time course",
@@ -109,10 +109,10 @@ def bars(scored: Scored) -> Iterable[Bar]:
         0.90,
         below=False,
     )
-    left = [verdict["outcome"] for case, verdict in scored if case.kind == LEFT_OUT]
-    yield Bar("UNKNOWN at 8 times, removed from the dictionary", left.count("UNKNOWN"), len(left), 0.95, below=False)
-    swallowed = [verdict["outcome"] for case, verdict in scored if case.kind == CONFOUNDED]
-    yield Bar("IDENTIFIED although not separable by one run", swallowed.count("IDENTIFIED"), len(swallowed), 0.01, below=True)
+    removed = [verdict["outcome"] for case, verdict in scored if case.kind == REMOVED]
+    yield Bar("UNKNOWN at 8 times, removed from the dictionary", removed.count("UNKNOWN"), len(removed), 0.95, below=False)
+    confounded = [verdict["outcome"] for case, verdict in scored if case.kind == CONFOUNDED]
+    yield Bar("IDENTIFIED although not separable by one run", confounded.count("IDENTIFIED"), len(confounded), 0.01, below=True)
 
 
 def table(scored: Scored) -> str:
@@ -126,8 +126,11 @@ def _faint(scored: Scored) -> list[str]:
     printed = Counter(str(item["outcome"]) + (", right" if judged(case, item) == "right" else "") for case, item in scored if case.faint)
     if not printed:
         return []
-    told = ", ".join(f"{count} {outcome}" for outcome, count in printed.most_common())
-    return [f"Not counted above: `wrong_row_time` where twice the stated row time causes less than twice the detection limit: {told}.", ""]
+    counted = ", ".join(f"{count} {outcome}" for outcome, count in printed.most_common())
+    return [
+        f"Not counted above: `wrong_row_time` where twice the stated row time causes less than twice the detection limit: {counted}.",
+        "",
+    ]
 
 
 def _sheared(scored: Scored) -> list[str]:
@@ -135,11 +138,11 @@ def _sheared(scored: Scored) -> list[str]:
     lines = []
     for size in sorted({case.size for case, _ in scored if case.kind == ONE}):
         every = [(case, judged(case, item)) for case, item in scored if (case.kind, case.size) == (ONE, size) and not case.faint]
-        alike = [word for case, word in every if case.sheared]
-        if alike:
-            told = ", ".join(f"{count} {_WORDS.get(word, word)}" for word, count in Counter(alike).most_common())
+        shears = [word for case, word in every if case.sheared]
+        if shears:
+            counted = ", ".join(f"{count} {_WORDS.get(word, word)}" for word, count in Counter(shears).most_common())
             right = sum(word == "right" for _, word in every)
-            lines.append(f"- {size:g} times: {told}; with them {right} of {len(every)} correct ({100 * right / len(every):.1f} %).")
+            lines.append(f"- {size:g} times: {counted}; with them {right} of {len(every)} correct ({100 * right / len(every):.1f} %).")
     if not lines:
         return []
     rule = "Not among the correct effects: `wrong_row_time` that differs from a drifting shear by less than the limit (G3)."
@@ -178,9 +181,9 @@ def _sizes(scored: Scored) -> list[str]:
 
 def _errors(case: Case, verdict: Verdict) -> Iterable[tuple[float, bool]]:
     """Relative error of each parameter, and whether the stated 90 % interval holds the truth."""
-    told = verdict["parameters"]
+    parameters = verdict["parameters"]
     for name, values in case.truth().items():
-        own = told.get(name, {}) if isinstance(told, dict) else {}
+        own = parameters.get(name, {}) if isinstance(parameters, dict) else {}
         for item, true in values.items():
             if item in own:
                 value, sigma = own[item]
@@ -198,11 +201,11 @@ def _missed(scored: Scored) -> list[str]:
 
 
 _WORDS = {"right": "correct", "set": "AMBIGUOUS with the truth in the set", "wrong": "wrong effect"}
-_KINDS = {ONE: "single", TWO: "two", STRANGER: "unlisted", DEFORMED_LAW: "modified", LEFT_OUT: "removed", CONFOUNDED: "not separable"}
+_KINDS = {ONE: "single", TWO: "two", UNLISTED: "unlisted", DEFORMED_LAW: "modified", REMOVED: "removed", CONFOUNDED: "not separable"}
 _FINE = {
     (NOTHING, "NONE"),
-    (STRANGER, "UNKNOWN"),
-    (LEFT_OUT, "UNKNOWN"),
+    (UNLISTED, "UNKNOWN"),
+    (REMOVED, "UNKNOWN"),
     (CONFOUNDED, "NONE"),
     (CONFOUNDED, "UNKNOWN"),
     (CONFOUNDED, "AMBIGUOUS"),

@@ -66,9 +66,9 @@ def noise_of(shape: Shape, size: tuple[int, int], frames: int, sigma_px: float, 
     for frame in range(frames):
         for axis in (0, 1):
             white = rng.standard_t(shape.heavy, size) if shape.heavy else rng.normal(size=size)
-            seen = np.fft.irfft2(np.fft.rfft2(white) * transfer, size) if shape.weights != "point" or shape.smooth_px else white
-            seen = seen / seen.std() * np.sqrt(1.0 - shape.white) + np.sqrt(shape.white) * rng.normal(size=size)
-            out[frame, axis] = scale[frame] * (shape.unequal[0] if axis else 1.0) * over_field * seen
+            noise = np.fft.irfft2(np.fft.rfft2(white) * transfer, size) if shape.weights != "point" or shape.smooth_px else white
+            noise = noise / noise.std() * np.sqrt(1.0 - shape.white) + np.sqrt(shape.white) * rng.normal(size=size)
+            out[frame, axis] = scale[frame] * (shape.unequal[0] if axis else 1.0) * over_field * noise
     return out
 
 

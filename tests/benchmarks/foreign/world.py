@@ -85,7 +85,7 @@ def write(series: Series, shape: Shape, folder: Path, hidden: Field | None = Non
         *(np.arange(raster.margin_px, n - raster.margin_px, raster.step_px, dtype=float) for n in (raster.width, raster.height))
     )
 
-    def seen(frame: int, material: tuple[Array, Array]) -> tuple[Array, Array]:
+    def observed(frame: int, material: tuple[Array, Array]) -> tuple[Array, Array]:
         """Address at which a material point appears in a frame: drift at the time at which the beam is there."""
         pair = frame // 2
         cx, cy = material[0] - raster.width / 2, material[1] - raster.height / 2
@@ -101,15 +101,15 @@ def write(series: Series, shape: Shape, folder: Path, hidden: Field | None = Non
     def material_of(frame: int, address: tuple[Array, Array]) -> tuple[Array, Array]:
         point = address
         for _ in range(12):
-            back = seen(frame, point)
+            back = observed(frame, point)
             point = (point[0] + address[0] - back[0], point[1] + address[1] - back[1])
         return point
 
     frame_noise = noise_of(shape, (raster.height, raster.width), 2 * pairs, series.sigma_px / np.sqrt(2.0), rng)
-    wanted = [(2 * k, 2 * k + 1) for k in range(pairs)] + [(0, 2 * k) for k in range(1, pairs)]
-    wanted += [] if shape.composed else [(0, 2 * k + 1) for k in range(1, pairs)]
-    for number, (reference, current) in enumerate(wanted):
-        at = seen(current, material_of(reference, (x, y)))
+    frame_pairs = [(2 * k, 2 * k + 1) for k in range(pairs)] + [(0, 2 * k) for k in range(1, pairs)]
+    frame_pairs += [] if shape.composed else [(0, 2 * k + 1) for k in range(1, pairs)]
+    for number, (reference, current) in enumerate(frame_pairs):
+        at = observed(current, material_of(reference, (x, y)))
         u, v = at[0] - x, at[1] - y
         if shape.own:
             own = noise_of(shape, (raster.height, raster.width), 1, series.sigma_px, np.random.default_rng((series.seed, 91, number)))[0]
@@ -172,8 +172,8 @@ def _found(shape: Shape, size: tuple[int, int], rng: np.random.Generator) -> NDA
     if shape.lost:
         ny, nx = size
         high, wide = (max(1, round(n * np.sqrt(0.5 * shape.lost))) for n in size)
-        top, left = int(rng.integers(0, ny - high + 1)), int(rng.integers(0, nx // 8 + 1))
-        found[top : top + high, left : left + wide] = False
+        top, x0 = int(rng.integers(0, ny - high + 1)), int(rng.integers(0, nx // 8 + 1))
+        found[top : top + high, x0 : x0 + wide] = False
     return found
 
 
@@ -189,8 +189,8 @@ def _write_frames(path: Path, series: Series, starts: Array, strains: list[float
     for frame, start_s in enumerate(starts):
         pair = frame // 2
         phase, load = ("calibration", "") if pair < series.calibration else ("tension", repr(7.11e5 * strains[pair]))
-        told = f"{round(shifts[pair][0])},{round(shifts[pair][1])}" if pair < series.calibration else "0,0"
+        shift_cells = f"{round(shifts[pair][0])},{round(shifts[pair][1])}" if pair < series.calibration else "0,0"
         lines.append(
-            f"{frame},{pair},{phase},{float(start_s)!r},{raster.dwell_s},{raster.row_s},{raster.width},{raster.height},1,{load},{told}"
+            f"{frame},{pair},{phase},{float(start_s)!r},{raster.dwell_s},{raster.row_s},{raster.width},{raster.height},1,{load},{shift_cells}"
         )
     path.write_text("\n".join([*lines, ""]))

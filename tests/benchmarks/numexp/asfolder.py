@@ -39,7 +39,7 @@ def frame_lines(taken: Taken, pair: int, later_s: float, area_mm2: float) -> lis
     """The two lines of a pair that shows what one of the experiment's does."""
     load = ""
     if taken.phase is Phase.TENSION:
-        load = repr(float(taken.seen[-1].gradient[1, 1]) * MODULUS_MPA * area_mm2)
+        load = repr(float(taken.observed[-1].gradient[1, 1]) * MODULUS_MPA * area_mm2)
     timing = taken.times[0].timing
     scan = f"{timing.dwell_time_s.value!r},{timing.row_time_s.value!r},{WIDTH_PX},{HEIGHT_PX},1"
     return [

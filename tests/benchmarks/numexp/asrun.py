@@ -35,16 +35,16 @@ def concluded(experiment: Experiment, settings: AnalysisSettings) -> RunResult:
 def decision_of(taken: Taken, pair: int, settings: AnalysisSettings) -> PairDecision:
     """The decision for a pair that shows what one of the experiment's does."""
     first, second = (frame_info(2 * pair + member) for member in (0, 1))
-    load_n = float(taken.seen[-1].gradient[1, 1]) * 71.1e3 * (settings.specimen.area_mm2 or 0.0)
+    load_n = float(taken.observed[-1].gradient[1, 1]) * 71.1e3 * (settings.specimen.area_mm2 or 0.0)
     held = FrameLoad(load_n, load_n, load_n, 0.0)
     return PairDecision(pair, Step(pair, taken.phase, (0.0, 0.0), (0.0, 0.0), load_n), first, second, (held, held))
 
 
 def frame_info(frame: int) -> FrameInfo:
-    """What a file of a frame says."""
-    known = Provenance.CONFIG
-    start = Sourced(START_NS + round(start_s(frame) * 1e9), known)
-    return FrameInfo(frame, _name(frame), "plain", WIDTH_PX, HEIGHT_PX, 0, timing(), start, 0.01, Sourced(1.25e-6, known))
+    """Content of the file of a frame."""
+    source = Provenance.CONFIG
+    start = Sourced(START_NS + round(start_s(frame) * 1e9), source)
+    return FrameInfo(frame, _name(frame), "plain", WIDTH_PX, HEIGHT_PX, 0, timing(), start, 0.01, Sourced(1.25e-6, source))
 
 
 def _name(frame: int) -> str:
@@ -68,7 +68,7 @@ def truth(experiment: Experiment) -> dict[str, Any]:
                 "start_time_ns": START_NS + round(start_s(2 * taken.pair + member) * 1e9),
                 "row_time_s": ROW_S,
                 "stage_px": taken.shift_px.tolist(),
-                "gradient": taken.seen[-1].gradient.tolist(),
+                "gradient": taken.observed[-1].gradient.tolist(),
             }
             for taken in experiment.pairs
             for member in (0, 1)

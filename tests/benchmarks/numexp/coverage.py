@@ -1,4 +1,4 @@
-"""Whether stated intervals hold what they say: errors over stated sigmas of many small experiments against the simulators' truth."""
+"""Coverage of stated intervals: errors over stated sigmas of many small experiments against the simulators' truth."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numexp.cases import CASES, Case, Setting
-from numexp.experiment import Experiment, Seen, Taken, make_experiment
+from numexp.experiment import Experiment, ObservedFrame, Taken, make_experiment
 from numexp.noise import NoiseKind
 from numexp.world import HEIGHT_PX, WIDTH_PX, Field
 from scipy.special import erfinv
@@ -93,14 +93,14 @@ def _drift_px(experiment: Experiment, time_s: Field) -> Field:
 
 
 def _affine(experiment: Experiment) -> Field:
-    """(2, 2) gradient of the true distortion's best affine map over the grid, which unknown translations cannot tell."""
+    """(2, 2) gradient of the true distortion's best affine map over the grid, which unknown translations do not determine."""
     address = np.stack(experiment.grid.mesh(), axis=-1).reshape(-1, 2)
     columns = np.column_stack((np.ones(len(address)), address))
     return np.linalg.lstsq(columns, experiment.world.bend_px(address), rcond=None)[0][1:].T
 
 
 def _distortion(experiment: Experiment, found: DistortionField) -> Field:
-    """(n, 2) at the points where it is said to be known, best affine map of the difference removed."""
+    """(n, 2) at the points where it is marked as known, best affine map of the difference removed."""
     address = np.stack(found.grid.mesh(), axis=-1)[found.valid]
     error = np.stack((found.ex_px, found.ey_px), axis=-1)[found.valid] - experiment.world.bend_px(address)
     columns = np.column_stack((np.ones(len(address)), address))
@@ -114,14 +114,14 @@ def _frames(experiment: Experiment, solution: Solution) -> Normalised:
     gauges: list[Field] = []
     loaded: list[tuple[float, StrainSummary]] = []
     for taken in experiment.pairs:
-        for seen in taken.seen:
-            moved, field, said = _measured(taken, seen, solution)
-            true = np.array([seen.gradient[0, 0], seen.gradient[1, 1], 0.5 * (seen.gradient[0, 1] + seen.gradient[1, 0])])
-            points.append(_points(seen, moved))
-            means.append((_parts(said.mean) - true) / _parts(said.mean_sigma))
-            gauges.append(_gauges(field, said, true))
+        for frame in taken.observed:
+            moved, field, summary = _measured(taken, frame, solution)
+            true = np.array([frame.gradient[0, 0], frame.gradient[1, 1], 0.5 * (frame.gradient[0, 1] + frame.gradient[1, 0])])
+            points.append(_points(frame, moved))
+            means.append((_parts(summary.mean) - true) / _parts(summary.mean_sigma))
+            gauges.append(_gauges(field, summary, true))
             if taken.phase is Phase.TENSION:
-                loaded.append((float(true[1]) * MODULUS_GPA * 1e3 * AREA_MM2, said))
+                loaded.append((float(true[1]) * MODULUS_GPA * 1e3 * AREA_MM2, summary))
     steps = [(loaded[at][0], mechanics.average_of_pair(loaded[at][1], loaded[at + 1][1])) for at in range(0, len(loaded), 2)]
     shared = estimate.mean_strain_covariance(solution, [one.frame for _, one in steps])
     elastic = mechanics.elastic_constants(steps, AREA_MM2, "y", covariance=shared)
@@ -135,28 +135,28 @@ def _frames(experiment: Experiment, solution: Solution) -> Normalised:
     }
 
 
-def _measured(taken: Taken, seen: Seen, solution: Solution) -> tuple[Displacement, StrainField, StrainSummary]:
+def _measured(taken: Taken, frame: ObservedFrame, solution: Solution) -> tuple[Displacement, StrainField, StrainSummary]:
     """What the pipeline makes of a frame."""
-    dmap = next(one for one in taken.maps if one.reference == 0 and one.current == seen.exact.current)
+    dmap = next(one for one in taken.maps if one.reference == 0 and one.current == frame.exact.current)
     moved = mechanics.displacement(dmap, estimate.correction(solution, dmap))
     field = mechanics.strain(moved, WINDOW_POINTS)
     return moved, field, mechanics.summary(moved, field, solution.noise_floor_px, estimate.correction_strain_sigma(solution, dmap))
 
 
-def _points(seen: Seen, moved: Displacement) -> Field:
+def _points(frame: ObservedFrame, moved: Displacement) -> Field:
     """(n, 2) at valid points; the frame's mean removed, which is one number with drift across the motion."""
-    error = (np.stack((moved.u_px, moved.v_px), axis=-1) - seen.displacement_px)[moved.valid]
+    error = (np.stack((moved.u_px, moved.v_px), axis=-1) - frame.displacement_px)[moved.valid]
     sigma = np.stack((moved.sigma_u_px, moved.sigma_v_px), axis=-1)[moved.valid]
     return (error - error.mean(axis=0)) / sigma
 
 
-def _gauges(field: StrainField, said: StrainSummary, true: Field) -> Field:
+def _gauges(field: StrainField, summary: StrainSummary, true: Field) -> Field:
     """(n, 3) of the gauges that the edge does not cut."""
-    assert said.gauge_sigma is not None  # measured, and not filtered
+    assert summary.gauge_sigma is not None  # measured, and not filtered
     half = field.window_points // 2
     whole = np.zeros_like(field.valid)
     whole[half:-half, half:-half] = field.valid[half:-half, half:-half]
-    return (np.stack((field.exx, field.eyy, field.exy), axis=-1)[whole] - true) / _parts(said.gauge_sigma)
+    return (np.stack((field.exx, field.eyy, field.exy), axis=-1)[whole] - true) / _parts(summary.gauge_sigma)
 
 
 def _parts(one: Tensor2) -> Field:
@@ -188,7 +188,7 @@ def coverages(experiments: Sequence[Normalised]) -> list[Coverage]:
     """Every quantity over all experiments."""
     found = []
     for quantity in experiments[0]:
-        of_each = [one[quantity] for one in experiments if one[quantity].size]  # a distortion may be said to be known nowhere
+        of_each = [one[quantity] for one in experiments if one[quantity].size]  # a distortion may be marked as unknown everywhere
         limits = [float(np.sqrt(2.0) * erfinv(level)) for level in LEVELS.values()]
         inside = np.array([[np.mean(np.abs(z) <= limit) for limit in limits] for z in of_each])
         mean, error = inside.mean(axis=0), inside.std(axis=0, ddof=1) / np.sqrt(len(inside))

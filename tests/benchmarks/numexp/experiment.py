@@ -27,7 +27,7 @@ TOP_STRAIN, POISSON = 3e-3, 0.33
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class ObservedFrame:
     """One frame: where it truly shows the points that frame 0 shows on the grid.
 
     Attributes:
@@ -43,14 +43,14 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """One pair: what the estimator is given, and what it must not see (`seen`).
+    """One pair: what the estimator is given, and what it must not use (`observed`).
 
     Attributes:
         pair: its number.
         phase: what it is for.
         times: of its frames.
         maps: noisy, as the pipeline correlates them: within the pair, and from frame 0 to each frame.
-        seen: the truth of the frames that have a map from frame 0.
+        observed: the truth of the frames that have a map from frame 0.
         shift_px: (2,) true motion of the specimen's centre from pair 0.
     """
 
@@ -58,7 +58,7 @@ class Taken:
     phase: Phase
     times: tuple[FrameTime, FrameTime]
     maps: tuple[DisparityMap, ...]
-    seen: tuple[Seen, ...]
+    observed: tuple[ObservedFrame, ...]
     shift_px: Field
 
 
@@ -140,13 +140,13 @@ def _sights(world: World, grid: Grid, here: Field, material: Field, pair: int, p
 
 def _taken(noise: FrameNoise, grid: Grid, here: Field, sights: Sights) -> Taken:
     first, second = 2 * sights.pair, 2 * sights.pair + 1
-    maps, seen = [_map(noise, grid, first, second, here, sights.again_px)], []
+    maps, observed = [_map(noise, grid, first, second, here, sights.again_px)], []
     for frame, there in sights.there_px.items():
         if sights.pair:
             maps.append(_map(noise, grid, 0, frame, here, there))
-        seen.append(Seen(_map(None, grid, 0, frame, here, there), sights.displacement_px, sights.motion.gradient[0]))
+        observed.append(ObservedFrame(_map(None, grid, 0, frame, here, there), sights.displacement_px, sights.motion.gradient[0]))
     times = tuple(FrameTime(frame, start_s(frame), timing()) for frame in (first, second))
-    return Taken(sights.pair, sights.phase, (times[0], times[1]), tuple(maps), tuple(seen), sights.motion.shift_px[0])
+    return Taken(sights.pair, sights.phase, (times[0], times[1]), tuple(maps), tuple(observed), sights.motion.shift_px[0])
 
 
 def _points(grid: Grid) -> Field:
@@ -175,9 +175,11 @@ def _poses(rng: np.random.Generator, calibration_pairs: int, load_steps: int) ->
 
 
 def timing(scan: Scan = SCAN) -> ScanTiming:
-    """The scan timing that the estimator is told."""
+    """The scan timing that the estimator receives."""
 
-    def known(value: float) -> Sourced[float]:
+    def from_config(value: float) -> Sourced[float]:
         return Sourced(value, Provenance.CONFIG)
 
-    return ScanTiming(known(scan.dwell_time_s), known(scan.row_time_s), known(scan.frame_time_s), Sourced(1, Provenance.CONFIG))
+    return ScanTiming(
+        from_config(scan.dwell_time_s), from_config(scan.row_time_s), from_config(scan.frame_time_s), Sourced(1, Provenance.CONFIG)
+    )

@@ -1,4 +1,4 @@
-"""What a method made of an experiment, measured against the truth as the table says."""
+"""Results of a method on an experiment, measured against the truth as in the table."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numexp.experiment import Experiment, Seen
+from numexp.experiment import Experiment, ObservedFrame
 from numexp.world import Field
 
 from semlive import mechanics
@@ -85,10 +85,10 @@ def measure(experiment: Experiment, found: Found) -> Measured:
     noisy, mean, sd, largest, square, loaded = [], [], [], [], [], []
     for taken in experiment.pairs:
         of_pair = []
-        for seen in taken.seen:
-            measured = next(dmap for dmap in taken.maps if dmap.reference == 0 and dmap.current == seen.exact.current)
-            of_pair.append(_mean_strain(mechanics.displacement(measured, found.correct(measured))) - _true_strain(seen))
-            error = _error(seen, mechanics.displacement(seen.exact, found.correct(seen.exact)))
+        for frame in taken.observed:
+            measured = next(dmap for dmap in taken.maps if dmap.reference == 0 and dmap.current == frame.exact.current)
+            of_pair.append(_mean_strain(mechanics.displacement(measured, found.correct(measured))) - _true_strain(frame))
+            error = _error(frame, mechanics.displacement(frame.exact, found.correct(frame.exact)))
             mean.append(_mean_strain(error))
             field = mechanics.strain(error, WINDOW_POINTS)
             inside = np.stack([item[field.valid] for item in (field.exx, field.eyy, field.exy)])
@@ -105,7 +105,7 @@ def measure(experiment: Experiment, found: Found) -> Measured:
 
 
 def distortion_error_px(experiment: Experiment, found: DistortionField | None) -> float:
-    """Largest error of the distortion over the grid, its best affine map removed (translations cannot tell that)."""
+    """Largest error of the distortion over the grid, its best affine map removed (translations do not determine it)."""
     if found is None:
         return float("nan")
     x, y = experiment.grid.mesh()
@@ -115,8 +115,8 @@ def distortion_error_px(experiment: Experiment, found: DistortionField | None) -
     return float(np.abs(flat - plane @ np.linalg.lstsq(plane, flat, rcond=None)[0]).max())
 
 
-def _error(seen: Seen, found: Displacement) -> Displacement:
-    truth_u, truth_v = seen.displacement_px[..., 0], seen.displacement_px[..., 1]
+def _error(frame: ObservedFrame, found: Displacement) -> Displacement:
+    truth_u, truth_v = frame.displacement_px[..., 0], frame.displacement_px[..., 1]
     return Displacement(
         found.frame, found.grid, np.where(found.valid, found.u_px - truth_u, 0.0), np.where(found.valid, found.v_px - truth_v, 0.0),
         found.sigma_u_px, found.sigma_v_px, found.valid,
@@ -128,6 +128,6 @@ def _mean_strain(found: Displacement) -> Field:
     return np.array([gradient[0, 0], gradient[1, 1], 0.5 * (gradient[0, 1] + gradient[1, 0])])
 
 
-def _true_strain(seen: Seen) -> Field:
-    g = seen.gradient
+def _true_strain(frame: ObservedFrame) -> Field:
+    g = frame.gradient
     return np.array([g[0, 0], g[1, 1], 0.5 * (g[0, 1] + g[1, 0])])

@@ -70,8 +70,8 @@ def parametric(experiment: Experiment) -> Found:
         return Correction(dmap.current, u, v)
 
     ex, ey = (item.reshape(experiment.grid.shape) for item in fit.at(here).T)
-    known = np.ones(experiment.grid.shape, dtype=np.bool_)
-    return Found(DistortionField(experiment.grid, ex, ey, np.zeros(experiment.grid.shape), known), correct)
+    valid = np.ones(experiment.grid.shape, dtype=np.bool_)
+    return Found(DistortionField(experiment.grid, ex, ey, np.zeros(experiment.grid.shape), valid), correct)
 
 
 METHODS: dict[str, Callable[[Experiment], Found]] = {

@@ -32,12 +32,12 @@ class Row:
     """One row.
 
     Attributes:
-        name: what is measured.
+        name: the measured quantity.
         case: name of the case.
         figure: from the seeds of one method.
         bias: whether `figure` is a mean over seeds with its standard error, else a percentile with the median.
         paper: the paper's figure, as text.
-        bar: not to be exceeded by the joint method; None where nothing is asked.
+        bar: not to be exceeded by the joint method; None where nothing is required.
         scale: in which the row is printed.
         unit: its name.
     """

@@ -1,7 +1,7 @@
 """The microscope of the numerical experiment: truth from the simulators' own drift, distortion, effects and column geometry.
 
 Nothing here is a spline, and nothing is imported from the estimator. The scan address R of a material point solves an implicit
-equation (drift is taken at the time when the beam is at R), by iteration until it stands still to 1e-11 px.
+equation (drift is taken at the time when the beam is at R), by iteration until it changes by less than 1e-11 px.
 """
 
 from __future__ import annotations
@@ -52,21 +52,21 @@ class World:
 
     def material_px(self, address_px: Field, frame: int, motion: Motion) -> Field:
         """(n, 2) material points that a frame shows at scan addresses (n, 2)."""
-        maps, bend = self._seen(address_px, frame, motion)
+        maps, bend = self._observed(address_px, frame, motion)
         return np.einsum("nij,nj->ni", maps[:, :, :2], address_px - bend) + maps[:, :, 2]
 
     def address_px(self, material_px: Field, frame: int, motion: Motion, near_px: Field | None = None) -> Field:
         """(n, 2) scan addresses at which a frame shows material points (n, 2); `near_px` is where to begin looking."""
         address = material_px if near_px is None else near_px
         for _ in range(MAX_ITERATIONS):
-            maps, bend = self._seen(address, frame, motion)
+            maps, bend = self._observed(address, frame, motion)
             found = np.linalg.solve(maps[:, :, :2], (material_px - maps[:, :, 2])[..., None])[..., 0] + bend
             if np.max(np.abs(found - address)) < STANDS_STILL_PX:
                 return found
             address = found
         raise RuntimeError(f"scan addresses of frame {frame} do not converge")
 
-    def _seen(self, address_px: Field, frame: int, motion: Motion) -> tuple[Field, Field]:
+    def _observed(self, address_px: Field, frame: int, motion: Motion) -> tuple[Field, Field]:
         """Affine maps (n, 2, 3) and distortion (n, 2) at scan addresses."""
         time_s = start_s(frame) + address_px[:, 0] * DWELL_S + address_px[:, 1] * ROW_S
         bend = self.bend_px(address_px - self.column.drift.at(time_s) if self.carried else address_px)

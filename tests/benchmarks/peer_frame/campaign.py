@@ -10,7 +10,7 @@ from pathlib import Path
 from .building import build
 from .catalogue import ALL
 from .healthy import healthy_runs
-from .kept import keep, kept
+from .kept import keep, read_stored
 from .laboratory import carry_out
 from .scenario import Peer, Scenario
 from .verdict import Verdict, judge
@@ -49,7 +49,7 @@ class Campaign:
 
     def __init__(self, peers: Path | None, folder: Path, found: Path | None = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._found, self._known = found, kept(found)
+        self._found, self._known = found, read_stored(found)
         self._peers, self._folder = peers or folder, folder
         self._frame = None if peers is None else build(peers, folder)
 

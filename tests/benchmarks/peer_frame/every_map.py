@@ -109,7 +109,7 @@ def _cell(setup: Setup) -> Iterator[Scenario]:
 
 def _stop_ignored(setup: Setup, beyond: Expected) -> Scenario:
     """The machine runs away, acknowledges stops and does not obey them."""
-    must, expected = "stop orders as long as it moves; report it", replace(beyond, repeats=True, peak_n=None, says=_OBEYS_NOT)
+    must, expected = "stop orders as long as it moves; report it", replace(beyond, repeats=True, peak_n=None, message=_OBEYS_NOT)
     if "oriental_az" in setup.maps:  # the drive obeys the further stop of its map
         must, expected = "the next way to stop that the map states; fault", Expected(stop_within_s=None)
     return _scenario(setup, "stop-ignored", must, expected, "runaway 1", "ignorestop 100000")
@@ -150,7 +150,7 @@ def _links(setup: Setup) -> Iterator[Scenario]:
         one = _scenario(setup, "file-stands-still", "stop before the load passes its limit, fault", still, "only 9", "hole 1")
         yield replace(one, what="at 60 N: the load file does not grow any more")
         return
-    no_stop = replace(_LOST, stop_within_s=None, timed=False, says=_OBEYS_NOT)
+    no_stop = replace(_LOST, stop_within_s=None, timed=False, message=_OBEYS_NOT)
     yield _scenario(setup, "link-silent", "fault; name the machine's own stop", no_stop, "hole 1")
     yield _scenario(setup, "link-executes-without-answer", "write the stop without waiting for answers", _LOST, "mute 1")
     yield _scenario(setup, "reply-1-s-late", "write the stop without waiting for answers", _LOST, "delay 1000")
@@ -165,9 +165,9 @@ def _typed(setup: Setup) -> Iterator[Scenario]:
     """What a person types; semlive has no other reading, so the true load is in the hands of the person."""
     yield _healthy(setup)
     asks = Expected(Ending.STOPPED, stop_within_s=None, peak_n=None, loaded_pairs=0, no_orders=False)
-    one = _scenario(setup, "types-not-a-number", "the load is requested again; no pair is accepted", asks, "!say nan")
+    one = _scenario(setup, "types-not-a-number", "the load is requested again; no pair is accepted", asks, "!type nan")
     yield replace(one, what="at 60 N the person types nan", expected=replace(asks, ending=Ending.SAFE, loaded_pairs=None, peak_n=420.0))
-    one = _scenario(setup, "types-wrong-load", "the load is requested again", asks, "!say -300")
+    one = _scenario(setup, "types-wrong-load", "the load is requested again", asks, "!type -300")
     yield replace(one, what="at 60 N the person types -300", expected=replace(asks, ending=Ending.SAFE, loaded_pairs=None, peak_n=420.0))
 
 

@@ -15,7 +15,7 @@ def keep(path: Path, name: str, observed: Observed) -> None:
         file.write(json.dumps({"scenario": name, **asdict(observed)}) + "\n")
 
 
-def kept(path: Path | None) -> dict[str, Observed]:
+def read_stored(path: Path | None) -> dict[str, Observed]:
     """What a file holds, by scenario; the newest counts. Nothing without a file."""
     if path is None or not path.exists():
         return {}

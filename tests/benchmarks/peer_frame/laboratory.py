@@ -53,7 +53,7 @@ class Daemon:
     output: Path
     started_s: float
 
-    def say(self, word: str) -> None:
+    def type_line(self, word: str) -> None:
         """Type a line at its terminal."""
         os.write(self.terminal, f"{word}\n".encode())
 
@@ -75,7 +75,7 @@ class Daemon:
         os.close(self.terminal)
         return code
 
-    def said(self) -> str:
+    def output_text(self) -> str:
         """What it printed so far, on one line, without control sequences."""
         text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.output.read_text(encoding="utf-8", errors="replace"))
         return " ".join(text.split())
@@ -186,7 +186,7 @@ class Trial:
             self.follower.follow()
             self._expose()
             if self._hand is not None:
-                self._hand.follow(self.daemon.said(), self.device, self.daemon.say)
+                self._hand.follow(self.daemon.output_text(), self.device, self.daemon.type_line)
             now_s = time.monotonic()
             if self._is_starting(now_s):
                 last_act_s = now_s
@@ -248,7 +248,7 @@ class Trial:
         second = ""
         if self.second is not None:
             code = self.second.end()
-            second = f"second run: exit status {code}: {self.second.said()}"
+            second = f"second run: exit status {code}: {self.second.output_text()}"
         self._end_faults()
         exit_code = self.daemon.end(self.scenario.ends_within_s)
         self.follower.follow()
@@ -273,8 +273,8 @@ def _signal(trial: Trial, name: str) -> None:
     trial.daemon.signal(getattr(signal, f"SIG{name}"))
 
 
-def _say(trial: Trial, word: str) -> None:
-    trial.daemon.say(word)
+def _type_line(trial: Trial, word: str) -> None:
+    trial.daemon.type_line(word)
 
 
 def _restart(trial: Trial, options: str) -> None:
@@ -314,7 +314,7 @@ def _delete(trial: Trial, _: str) -> None:
 
 ACTIONS: dict[str, Callable[[Trial, str], None]] = {
     "signal": _signal,
-    "say": _say,
+    "type": _type_line,
     "restart": _restart,
     "second": _second,
     "same": _same,

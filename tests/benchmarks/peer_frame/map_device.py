@@ -41,7 +41,7 @@ class MapDevice(Server):
 
     Args:
         machine: specimen, drive and cell.
-        log: file of the log; lines and the load file are made beside it.
+        log: file of the log; lines and the load file are made next to it.
         kind: a name of `KINDS`.
     """
 

@@ -47,7 +47,7 @@ def observe(
         ended_s=ended_s,
         by_itself=by_itself,
         exit_code=exit_code,
-        said=" ".join(item.said() for item in trial.daemons),
+        said=" ".join(item.output_text() for item in trial.daemons),
         faults=tuple(follower.faults[:counted]),
         states=tuple(state for state, _, _ in follower.states),
         loaded_pairs=follower.loaded_pairs,

@@ -9,7 +9,7 @@ from semlive.data.faults import FaultCode as Code
 from .own_cell import DISP, LOAD
 from .scenario import Act, Ending, Expected, Peer, Scenario, When
 
-_ASKED = Expected(Ending.ASKED, stop_within_s=None, codes=(Code.LOADED_AT_START, Code.UNORDERED_MOTION))
+_PROMPTED = Expected(Ending.PROMPTED, stop_within_s=None, codes=(Code.LOADED_AT_START, Code.UNORDERED_MOTION))
 _INTERRUPTED = Expected(stop_within_s=None)
 _COMPLETE = Expected(Ending.COMPLETE, stop_within_s=None, loaded_pairs=1, no_orders=False)
 _STOPPED = Expected(Ending.STOPPED, stop_within_s=0.6, timed=True)
@@ -20,11 +20,14 @@ _REFUSED = Expected(Ending.REFUSED, stop_within_s=None, loaded_pairs=None)
 _SAFE = Expected(Ending.SAFE, stop_within_s=None, loaded_pairs=None, no_orders=False)
 _ASK_FIRST = "refuse or ask before anything is ordered"
 _IN_RAMP = When("ramping", force_n=60.0)
-_RESUMES = (Act(When("fault", after_s=1.5), ("freeze 0", "runaway 0", "!say resume")), Act(When("recover", after_s=0.5), ("!say resume",)))
+_RESUMES = (
+    Act(When("fault", after_s=1.5), ("freeze 0", "runaway 0", "!type resume")),
+    Act(When("recover", after_s=0.5), ("!type resume",)),
+)
 
 
 def _start(
-    name: str, what: str, *commands: str, must: str = _ASK_FIRST, expected: Expected = _ASKED, map: str = "map_f32.yaml"
+    name: str, what: str, *commands: str, must: str = _ASK_FIRST, expected: Expected = _PROMPTED, map: str = "map_f32.yaml"
 ) -> Scenario:
     """Something is so before the run begins."""
     return Scenario(f"start-{name}", what, must, expected, (Act(When(), commands),), map, watch_s=12.0)
@@ -40,9 +43,9 @@ STARTS = (
         "somebody drives it to 395 N while the run begins",
         "K 20000",
         must="stop, and no motion of its own",
-        expected=replace(_ASKED, peak_n=420.0),
+        expected=replace(_PROMPTED, peak_n=420.0),
     ),
-    _start("beyond-limit", "F = 410 N at the start", "F 410", "E 0.0205", expected=_ASKED),
+    _start("beyond-limit", "F = 410 N at the start", "F 410", "E 0.0205", expected=_PROMPTED),
 )
 _MOVING = replace(STARTS[4], acts=(Act(When(), ("goto 395",)), Act(When("connecting"), ("F 0", "goto 395"), is_fault=False)), clients=1)
 
@@ -71,8 +74,8 @@ COURSES = (
         Expected(stop_within_s=2.0, no_orders=False),
         (
             Act(_IN_RAMP, ("freeze 1", "runaway 1")),
-            Act(When("fault", after_s=1.0), ("!say resume",)),
-            Act(When("recover", after_s=0.5), ("!say resume",)),
+            Act(When("fault", after_s=1.0), ("!type resume",)),
+            Act(When("recover", after_s=0.5), ("!type resume",)),
         ),
         unloaded=0,
         linger_s=6.0,
@@ -84,8 +87,8 @@ COURSES = (
         Expected(stop_within_s=2.0, no_orders=False, loaded_pairs=None),
         (
             Act(When("holding", after_s=0.5), ("goto 380",)),
-            Act(When("fault", after_s=3.5), ("!say resume",)),
-            Act(When("recover", after_s=0.5), ("!say resume",)),
+            Act(When("fault", after_s=3.5), ("!type resume",)),
+            Act(When("recover", after_s=0.5), ("!type resume",)),
         ),
         unloaded=0,
         protocol={"hold_s": 5.0},
@@ -114,20 +117,20 @@ COURSES = (
         "killed-while-moving",
         "in the ramp control is killed, and the device moves on; then --resume --yes",
         "stop the device when it is read first; ask, order nothing",
-        Expected(Ending.ASKED, stop_within_s=None),
+        Expected(Ending.PROMPTED, stop_within_s=None),
         (Act(_IN_RAMP, ("!signal KILL", "!restart --resume --yes")),),
         unloaded=0,
         protocol={"ramp_rate_n_s": 10},
         watch_s=12.0,
     ),
-    Scenario("operator-stops", "the operator types stop in the ramp", "stop", _STOPPED, (Act(_IN_RAMP, ("!say stop",)),), unloaded=0),
-    Scenario("operator-aborts", "the operator types abort in the ramp", "stop", _STOPPED, (Act(_IN_RAMP, ("!say abort",)),), unloaded=0),
+    Scenario("operator-stops", "the operator types stop in the ramp", "stop", _STOPPED, (Act(_IN_RAMP, ("!type stop",)),), unloaded=0),
+    Scenario("operator-aborts", "the operator types abort in the ramp", "stop", _STOPPED, (Act(_IN_RAMP, ("!type abort",)),), unloaded=0),
     Scenario(
         "operator-pauses",
         "the operator types pause in the ramp; the device ignores three stops",
         "stop orders as long as it moves",
         replace(_STOPPED, repeats=True),
-        (Act(_IN_RAMP, ("ignorestop 3", "!say pause")),),
+        (Act(_IN_RAMP, ("ignorestop 3", "!type pause")),),
         unloaded=0,
         watch_s=6.0,
     ),
@@ -151,7 +154,9 @@ COURSES = (
         "interrupted-unobeyed",
         "Ctrl-C in the ramp; the device obeys no stop and runs away",
         "stop orders as long as it moves, and report it",
-        replace(_STOPPED, repeats=True, peak_n=None, says="does not (obey|stop)|moves on|own (emergency )?stop|emergency stop|not confirm"),
+        replace(
+            _STOPPED, repeats=True, peak_n=None, message="does not (obey|stop)|moves on|own (emergency )?stop|emergency stop|not confirm"
+        ),
         (Act(_IN_RAMP, ("runaway 1", "ignorestop 100000", "!signal INT")),),
         unloaded=0,
         watch_s=30.0,

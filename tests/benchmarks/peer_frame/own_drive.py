@@ -56,7 +56,7 @@ DRIVES = (
     second(
         "stop-never-obeyed",
         "stop orders as long as it moves; report it at once",
-        replace(_BEYOND, repeats=True, peak_n=None, says=_OBEYS_NOT),
+        replace(_BEYOND, repeats=True, peak_n=None, message=_OBEYS_NOT),
         "runaway 1",
         "ignorestop 100000",
     ),
@@ -71,7 +71,7 @@ DRIVES = (
     second(
         "stop-writes-not-taken",
         "stop orders as long as it moves; report it",
-        replace(_BEYOND, peak_n=None, says=_OBEYS_NOT),
+        replace(_BEYOND, peak_n=None, message=_OBEYS_NOT),
         "runaway 1",
         "wignore 1",
     ),
@@ -141,7 +141,9 @@ LINKS = (
     second("link-wrong-transaction", "stop, fault", _LOST, "badtid 1"),
     second("link-dropped-once", "stop, fault", _LOST, "drop 1"),
     second("link-busy-3-times", "stop, fault", _LOST, "busy 3"),
-    second("link-silent", "fault; name the machine's own stop", replace(_LOST, stop_within_s=None, timed=False, says=_OBEYS_NOT), "hole 1"),
+    second(
+        "link-silent", "fault; name the machine's own stop", replace(_LOST, stop_within_s=None, timed=False, message=_OBEYS_NOT), "hole 1"
+    ),
     second("link-1-s-late-counter", "write the stop without waiting for answers", _LOST, "delay 1000", map=COUNT),
     second("link-1-s-late-disp", "write the stop without waiting for answers", _LOST, "delay 1000", map=DISP),
     second("link-executes-without-answer-disp", "write the stop without waiting for answers", _LOST, "mute 1", map=DISP),

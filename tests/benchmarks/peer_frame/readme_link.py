@@ -9,11 +9,11 @@ from semlive.data.faults import FaultCode as Code
 from .scenario import Act, Ending, Expected, Group, Scenario, When
 
 _LOST = Expected(stop_within_s=0.6, timed=True, codes=(Code.LINK_LOST, Code.DEVICE_FAULT, Code.ORDER_REFUSED))
-_NO_STOP = replace(_LOST, stop_within_s=None, timed=False, says="own (emergency )?stop|emergency stop")
+_NO_STOP = replace(_LOST, stop_within_s=None, timed=False, message="own (emergency )?stop|emergency stop")
 _COMPLETE = Expected(Ending.COMPLETE, stop_within_s=None, loaded_pairs=1, no_orders=False)
 _REFUSED = Expected(Ending.REFUSED, stop_within_s=None, loaded_pairs=None)
 _AS_WRITTEN = Expected(Ending.SAFE, stop_within_s=None, loaded_pairs=None, no_orders=False, final_n=(0.0, 300.0))
-_SECOND_REFUSED = replace(_COMPLETE, says="second run: exit status 2")
+_SECOND_REFUSED = replace(_COMPLETE, message="second run: exit status 2")
 _BLIND = "write the stop first, on a new connection too, without waiting for replies"
 
 
@@ -67,7 +67,7 @@ ORDERS = (
         "loaded-at-start",
         "F = 350 N, E = 0.0175 mm before the start",
         "refuse or ask before the first unloaded pair",
-        Expected(Ending.ASKED, stop_within_s=None, codes=(Code.LOADED_AT_START,)),
+        Expected(Ending.PROMPTED, stop_within_s=None, codes=(Code.LOADED_AT_START,)),
         (Act(When(), ("F 350", "E 0.0175")),),
         group=Group.README,
         short=True,
@@ -119,7 +119,7 @@ MASTERS = (
         "run-folder-deleted",
         "in the ramp the run's folder is deleted and the same configuration is started again",
         "the second is refused; the first stops",
-        Expected(Ending.STOPPED, stop_within_s=2.0, says="second run: exit status 2"),
+        Expected(Ending.STOPPED, stop_within_s=2.0, message="second run: exit status 2"),
         (Act(When("ramping", force_n=60.0), ("!delete",)),),
         group=Group.README,
         clients=8,
@@ -137,7 +137,7 @@ MASTERS = (
         "control-killed",
         "in the ramp: wdog 2, kill -9 of control; then --resume",
         "the device's own watchdog stops it; nothing moves before the operator resumes",
-        Expected(Ending.ASKED, stop_within_s=None),
+        Expected(Ending.PROMPTED, stop_within_s=None),
         (
             Act(When("ramping", force_n=30.0), ("wdog 2",), is_fault=False),
             Act(When("ramping", force_n=60.0), ("!signal KILL", "!restart --resume")),

@@ -14,7 +14,7 @@ _SIGN = Expected(stop_within_s=0.6, timed=True, codes=(Code.LOAD_JUMP, Code.WRON
 _RATE = Expected(stop_within_s=1.0, codes=(Code.RATE_NOT_KEPT,))
 _RESTART = Expected(stop_within_s=2.0, codes=(Code.DEVICE_RESTARTED, Code.FOREIGN_ORDER, Code.UNORDERED_MOTION, Code.OVERSHOOT))
 _COMPLETE = Expected(Ending.COMPLETE, stop_within_s=None, loaded_pairs=1, no_orders=False)
-_UNBOUNDED = replace(_BEYOND, peak_n=None, repeats=True, says="does not (obey|stop)|moves on|own (emergency )?stop|emergency stop")
+_UNBOUNDED = replace(_BEYOND, peak_n=None, repeats=True, message="does not (obey|stop)|moves on|own (emergency )?stop|emergency stop")
 _FLAT = "stop within 2 s: the load does not change although the frame moves"
 _SOON = "stop as soon as the load passes the target by more than the tolerance"
 

@@ -29,7 +29,7 @@ class Ending(StrEnum):
     """Stop, then a fault that waits for the operator."""
     REFUSED = "refused"
     """Exit status 2 or a fault, before any motion was ordered."""
-    ASKED = "asked"
+    PROMPTED = "asked"
     """No motion before the operator answered."""
     STOPPED = "stopped"
     """Stop, and an exit status that is not 0; where there is no log left to hold a fault."""
@@ -100,7 +100,7 @@ class Expected:
         codes: fault codes that fit; others are noted, not failed.
         peak_n: largest true force, N; None: the device does not obey, so the force is not bounded by any order.
         repeats: stop orders have to continue as long as it moves.
-        says: required message to the operator, as a regular expression; empty: any message.
+        message: required message to the operator, as a regular expression; empty: any message.
         loaded_pairs: pairs under load that are accepted.
         unloads: the plan takes load off.
         no_orders: no motion may be ordered after the fault.
@@ -115,7 +115,7 @@ class Expected:
     codes: tuple[FaultCode, ...] = ()
     peak_n: float | None = PEAK_MAX_N
     repeats: bool = False
-    says: str = ""
+    message: str = ""
     loaded_pairs: int | None = 0
     unloads: bool = False
     no_orders: bool = True

@@ -66,7 +66,7 @@ def _ending(scenario: Scenario, observed: Observed) -> Iterator[str]:
                 yield "ended without a /fault"
             elif observed.exit_code == 1 and not observed.faults[0].code:
                 yield "/fault without a code"
-        case Ending.ASKED:
+        case Ending.PROMPTED:
             if not (observed.asked or observed.faults or observed.exit_code == 2):
                 yield "the operator was not asked"
         case Ending.RECOVERED:
@@ -96,7 +96,7 @@ def _stop(scenario: Scenario, observed: Observed) -> Iterator[str]:
             yield f"stop order after {observed.stop_after_s:.2f} s, {must.stop_within_s:g} s are allowed"
         if observed.silence_s > REPEAT_S:
             yield f"moved for {observed.silence_s:.1f} s without a further stop order"
-    if must.no_orders and must.ending in (Ending.FAULT, Ending.ASKED, Ending.STOPPED) and _orders_after(scenario, observed):
+    if must.no_orders and must.ending in (Ending.FAULT, Ending.PROMPTED, Ending.STOPPED) and _orders_after(scenario, observed):
         yield f"{observed.orders} motions ordered after the fault"
 
 
@@ -122,8 +122,8 @@ def _load(scenario: Scenario, observed: Observed) -> Iterator[str]:
 
 def _message(scenario: Scenario, observed: Observed) -> Iterator[str]:
     messages = f"{observed.said} {observed.second} {' '.join(item.what + ' ' + item.action for item in observed.faults)}"
-    if scenario.expected.says and not re.search(scenario.expected.says, messages, re.IGNORECASE):
-        yield f"no message to the operator matches '{scenario.expected.says}'"
+    if scenario.expected.message and not re.search(scenario.expected.message, messages, re.IGNORECASE):
+        yield f"no message to the operator matches '{scenario.expected.message}'"
 
 
 def _notes(scenario: Scenario, observed: Observed) -> Iterator[str]:

@@ -10,7 +10,7 @@ from pyvale import dic
 
 folder, step, method, blur = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3], int(sys.argv[4])
 mask = np.zeros((884, 1024), dtype=bool)
-mask[101 - 21 : 697 + 21, 101 - 21 : 847 + 21] = True  # whole subsets have to lie inside
+mask[101 - 21 : 697 + 21, 101 - 21 : 847 + 21] = True  # complete subsets have to lie inside
 out = folder / "pyvale"
 out.mkdir(exist_ok=True)
 for old in out.iterdir():

@@ -109,14 +109,14 @@ def sigma_bound_px(s: Scene, x_px: NDArray[np.int64], y_px: NDArray[np.int64]) -
 
 
 def agreement(s: Scene) -> tuple[Field, Field]:
-    """(height, width) correlation of the noise-free contents of both templates, and the shift that their difference feigns in px."""
+    """(height, width) correlation of the noise-free contents of both templates, and the apparent shift of their difference in px."""
     f, g = s.clean_first, at_second(s, s.clean_second, 128.0)
     y, x = np.mgrid[:HEIGHT_PX, :WIDTH_PX].astype(float)
     count, half = TEMPLATE_PX**2, TEMPLATE_PX // 2
     spread = count * half * (half + 1) / 3.0  # sum of squares of x over a template
 
     def inner(a: Field, b: Field) -> Field:
-        """Scalar product over a template of what is left of a and b without offset and plane."""
+        """Scalar product over a template of a and b after removal of offset and plane."""
         out = _sums(a * b) - _sums(a) * _sums(b) / count
         for position in (x, y):
             out -= (_sums(a * position) - position * _sums(a)) * (_sums(b * position) - position * _sums(b)) / spread

@@ -3,7 +3,7 @@
 A pixel R of a frame is scanned at the beam position P = R + S(row) + J(row). S are lasting steps: all rows after a step are shifted by
 it. J is the shift of a single row, without slow parts. The material point at P of the
 first frame is at P + d(P) in the second, and d is smooth. The true displacement of a pixel contains d and S, and not J: slow parts of the
-row shifts could not be told from drift, so J has none. The mean of J over 43 rows has a standard deviation of 0.04 of that of one row.
+row shifts could not be separated from drift, so J has none. The mean of J over 43 rows has a standard deviation of 0.04 of that of one row.
 """
 
 from __future__ import annotations

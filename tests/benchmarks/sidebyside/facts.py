@@ -1,4 +1,4 @@
-"""What the paper says of its own experiments, and what is asked of ours."""
+"""Results of the paper for its own experiments, and the requirements on ours."""
 
 from __future__ import annotations
 
@@ -11,49 +11,49 @@ class PaperFigures:
 
     title: str
     displacement_sd_px: float
-    displacement_said: str
+    displacement_reported: str
     distortion_residual_px: float
-    distortion_said: str
+    distortion_reported: str
     strain_mean: dict[str, float]
-    strain_mean_said: dict[str, str]
+    strain_mean_reported: dict[str, str]
     strain_sd: dict[str, float]
-    strain_sd_said: dict[str, str]
+    strain_sd_reported: dict[str, str]
     youngs_modulus_gpa: float
     poissons_ratio: float
-    asked_noise_px: float
-    modulus_said: str
+    required_noise_px: float
+    modulus_reported: str
 
 
 PAPER = {
     "paper_x200": PaperFigures(
         title="x200",
         displacement_sd_px=0.02,
-        displacement_said="0.02 px (range ±0.1 px)",
+        displacement_reported="0.02 px (range ±0.1 px)",
         distortion_residual_px=0.02,
-        distortion_said="±0.02 px (its simulation; none given for the experiment)",
+        distortion_reported="±0.02 px (its simulation; none given for the experiment)",
         strain_mean={"calibration": 6e-5, "translation": 6e-5},
-        strain_mean_said={"calibration": "“near zero” (±6e-5 in its simulation)", "translation": "“near zero”"},
+        strain_mean_reported={"calibration": "“near zero” (±6e-5 in its simulation)", "translation": "“near zero”"},
         strain_sd={"calibration": 6e-5, "translation": 7e-5},
-        strain_sd_said={"calibration": "6e-5", "translation": "7e-5", "tension": "no figure"},
+        strain_sd_reported={"calibration": "6e-5", "translation": "7e-5", "tension": "no figure"},
         youngs_modulus_gpa=71.1,
         poissons_ratio=0.33,
-        asked_noise_px=0.025,
-        modulus_said="71.1 GPa, “nearly the same” as the strain gage",
+        required_noise_px=0.025,
+        modulus_reported="71.1 GPa, “nearly the same” as the strain gage",
     ),
     "paper_x10000": PaperFigures(
         title="x10,000",
         displacement_sd_px=0.02,
-        displacement_said="0.02 px in its abstract, range ±0.2 px in its text (twice x200)",
+        displacement_reported="0.02 px in its abstract, range ±0.2 px in its text (twice x200)",
         distortion_residual_px=0.02,
-        distortion_said="±0.02 px (its simulation; none given for the experiment)",
+        distortion_reported="±0.02 px (its simulation; none given for the experiment)",
         strain_mean={"calibration": 1.5e-4},
-        strain_mean_said={"calibration": "< 1.5e-4"},
+        strain_mean_reported={"calibration": "< 1.5e-4"},
         strain_sd={"calibration": 1.5e-4},
-        strain_sd_said={"calibration": "< 1.5e-4", "tension": "no figure"},
+        strain_sd_reported={"calibration": "< 1.5e-4", "tension": "no figure"},
         youngs_modulus_gpa=71.1,
         poissons_ratio=0.33,
-        asked_noise_px=0.05,
-        modulus_said="no figure; plotted together with x200",
+        required_noise_px=0.05,
+        modulus_reported="no figure; plotted together with x200",
     ),
 }
 

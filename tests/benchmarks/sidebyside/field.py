@@ -33,7 +33,7 @@ def on_papers_points(one: OnGrid) -> OnGrid:
 
 
 def compared(result: RunResult) -> RunResult:
-    """A run's result at the paper's points; what it says of whole fields, as mean strain, stays that of all of its own."""
+    """A run's result at the paper's points; results for complete fields, such as mean strain, stay those of all of its own points."""
     frames = tuple(replace(one, displacement=on_papers_points(one.displacement)) for one in result.frames)
     estimate = replace(result.estimate, distortion=on_papers_points(result.estimate.distortion))
     return replace(result, frames=frames, estimate=estimate)
@@ -43,9 +43,9 @@ def _place(grid: Grid) -> tuple[slice, slice] | None:
     requests = PAPER_POINTS
     if (grid.step_px, grid.subset_px) != (requests.step_px, requests.subset_px):
         return None
-    row, below = divmod(requests.y0_px - grid.y0_px, grid.step_px)
-    column, beside = divmod(requests.x0_px - grid.x0_px, grid.step_px)
+    row, y_remainder = divmod(requests.y0_px - grid.y0_px, grid.step_px)
+    column, x_remainder = divmod(requests.x0_px - grid.x0_px, grid.step_px)
     whole = row >= 0 and column >= 0 and row + requests.ny <= grid.ny and column + requests.nx <= grid.nx
-    if below or beside or not whole:
+    if y_remainder or x_remainder or not whole:
         return None
     return slice(row, row + requests.ny), slice(column, column + requests.nx)

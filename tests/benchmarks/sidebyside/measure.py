@@ -1,4 +1,4 @@
-"""From a run folder to the figures that are set beside the paper's."""
+"""From a run folder to the figures that are compared with the paper's."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class PhaseFigures:
     error: Field
     sigma: Field
     correction: Field  # the correction's share in it
-    uncorrected: Field  # what the raw disparity says
+    uncorrected: Field  # from the raw disparity
     curve: tuple[GaugeRow, ...]
 
 
@@ -92,7 +92,7 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
     errors = compare_with_truth(result, truth)
     shares = dict(_shares(log, result, truth))
     phases = {
-        phase.value: _phase(result, errors, shares, phase, windows, _alike(log, result, settings, phase))
+        phase.value: _phase(result, errors, shares, phase, windows, _equal_noise(log, result, settings, phase))
         for phase in Phase
         if any(one.phase is phase for one in errors.frames)
     }
@@ -115,7 +115,7 @@ def measure(run: Path, windows: tuple[int, ...]) -> RunFigures:
     )
 
 
-def _alike(log: Path, result: RunResult, settings: AnalysisSettings, phase: Phase) -> NoiseCorrelation:
+def _equal_noise(log: Path, result: RunResult, settings: AnalysisSettings, phase: Phase) -> NoiseCorrelation:
     """Of frame 0 and the phase's middle pair: drift smears frames of one phase less than those of another."""
     pairs = [one for one in result.decisions if one.step.phase is phase]
     chosen = (result.decisions[0], pairs[len(pairs) // 2])
@@ -162,7 +162,7 @@ def _phase(
     shares: dict[int, tuple[Field, DisparityMap]],
     phase: Phase,
     windows: tuple[int, ...],
-    alike: NoiseCorrelation,
+    shared_noise: NoiseCorrelation,
 ) -> PhaseFigures:
     chosen = [one for one in errors.frames if one.phase is phase]
     frames = {one.summary.frame: one for one in result.frames}
@@ -172,7 +172,7 @@ def _phase(
     printed = np.sqrt(np.mean([(one.sigma_px[one.valid] ** 2).mean(axis=0) for one in chosen], axis=0))
     rows = []
     for points in windows:
-        expected = noise_scatter(errors.grid, points, float(printed[0]), float(printed[1]), full=True, correlation=alike)
+        expected = noise_scatter(errors.grid, points, float(printed[0]), float(printed[1]), full=True, correlation=shared_noise)
         values = effective_sample_size(errors.grid, points) * len(chosen) / (1 + (len(chosen) - 1) / 4)
         rows.append(
             GaugeRow(
@@ -203,7 +203,7 @@ def _mean_strain(one: Displacement) -> list[float]:
 
 
 def _scatter(frames: Iterable[tuple[Displacement, Displacement]], points: int) -> dict[str, float]:
-    """Scatter over the whole gauges of each frame, rms over frames: averaged displacement of the first, strain of the second."""
+    """Scatter over the complete gauges of each frame, rms over frames: averaged displacement of the first, strain of the second."""
     variances: dict[str, list[float]] = {name: [] for name in FIELDS}
     half, rows = points // 2, None
     for averaged, strained in frames:
@@ -220,7 +220,7 @@ def _scatter(frames: Iterable[tuple[Displacement, Displacement]], points: int) -
 
 
 def _strains(one: Displacement, points: int, rows: tuple[tuple[Field, Field], ...]) -> dict[str, Field]:
-    """Strain at the whole gauges; where no point is missing the plane fit separates, which is the same and forty times faster."""
+    """Strain at the complete gauges; where no point is missing the plane fit separates, which is the same and forty times faster."""
     if one.valid.all():
         (mean_y, slope_y), (mean_x, slope_x) = rows
         xx, yy = mean_y @ one.u_px @ slope_x.T, slope_y @ one.v_px @ mean_x.T

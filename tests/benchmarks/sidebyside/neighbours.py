@@ -31,7 +31,7 @@ def exported_frame(log: Path, export: int, settings: AnalysisSettings) -> Frame:
             return read_frame(
                 ExportedFile(export, f"export {export}", message.payload, "", message.log_time_ns, message.log_time_ns), settings.scan
             )
-    raise BadInput(f"{log}: does not hold the bytes of export {export}; give a whole log")
+    raise BadInput(f"{log}: does not hold the bytes of export {export}; give a complete log")
 
 
 def noise_correlation(
@@ -46,7 +46,7 @@ def noise_correlation(
 
     The noise is of the size that the correlation finds in the first. Neighbours 5 px apart share 0.88 of it by the overlap of their
     subsets; at x10,000 it is 0.86: a few steep edges weigh most, and frame 0 is smeared by another drift than the frames after it.
-    The second is made like the first by `smear`, as in the run: that takes away noise of short waves, which a point feels, and leaves
+    The second is made like the first by `smear`, as in the run: that takes away noise of short waves, which a point feels, and keeps
     that of long ones, which wide gauges feel.
     """
     noise_grey = dic.prepare(first, grid, settings.dic).noise_grey

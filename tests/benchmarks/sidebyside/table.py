@@ -124,7 +124,7 @@ def reached_at(curve: tuple[GaugeRow, ...], figure: float) -> str:
 def _displacement(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
     ratio = figures.displacement_rms_px / figures.stated_sigma_px
     yield Row(
-        "displacement sd, each point (43 px subset)", paper.displacement_said,
+        "displacement sd, each point (43 px subset)", paper.displacement_reported,
         f"{_px(figures.displacement_rms_px)} px; DIC states {_px(figures.stated_sigma_px)} px, ratio {ratio:.3f}",
         f"≤ {facts.RATIO_BAR} × DIC noise", ratio <= facts.RATIO_BAR,
     )  # fmt: skip
@@ -135,12 +135,12 @@ def _displacement(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
 def _fields(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
     item = figures.errors.distortion
     if not item.valid.any():
-        yield Row("distortion residual", paper.distortion_said, "not determined", "", held=False)
+        yield Row("distortion residual", paper.distortion_reported, "not determined", "", held=False)
     else:
         error, allowed = item.error_px[item.valid], facts.DISTORTION_BAR_PX
         largest, rms = float(np.abs(error).max()), float(np.sqrt(np.mean(error**2)))
         yield Row(
-            "distortion residual, its affine part removed", paper.distortion_said, f"max {_px(largest)} px, rms {_px(rms)} px",
+            "distortion residual, its affine part removed", paper.distortion_reported, f"max {_px(largest)} px, rms {_px(rms)} px",
             f"≤ {allowed:.2f} px", largest <= allowed,
         )  # fmt: skip
     drift = np.array([np.abs(part.true_px[-1] - part.true_px[0]).max() for part in figures.errors.drift])
@@ -159,7 +159,7 @@ def _strains(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
         rms = float(np.sqrt(np.mean(phase.error**2)))
         yield Row(
             f"{label}, {name}, worst of {len(phase.error)} frames × 3 components",
-            paper.strain_mean_said.get(name, "no figure"),
+            paper.strain_mean_reported.get(name, "no figure"),
             f"{strain_text(largest)} (rms {strain_text(rms)}; uncorrected {strain_text(_worst(phase))})",
             NOTHING if bar is None else f"≤ {strain_text(bar)}",
             None if bar is None else largest <= bar,
@@ -169,7 +169,7 @@ def _strains(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
         gauge = NOTHING if figure is None else f"{strain_text(figure)} at {reached_at(phase.curve, figure)}"
         ratio = max(row.ratio(c) for c in COMPONENTS)
         yield Row(
-            f"strain sd over a {row.vsg_px} px gauge, {name}", paper.strain_sd_said.get(name, "no figure"),
+            f"strain sd over a {row.vsg_px} px gauge, {name}", paper.strain_sd_reported.get(name, "no figure"),
             f"{sd}; ≤ {ratio:.2f} × DIC noise", f"≤ {facts.RATIO_BAR} × DIC noise", ratio <= facts.RATIO_BAR, gauge,
         )  # fmt: skip
         share, allowed = max(row.correction[c] for c in COMPONENTS), facts.CORRECTION_SD_BAR
@@ -202,7 +202,7 @@ def _elastic(figures: RunFigures, paper: PaperFigures) -> Iterator[Row]:
     true_modulus, true_ratio = figures.true_elastic
     off = abs(modulus.value - true_modulus)
     yield Row(
-        "Young's modulus", paper.modulus_said,
+        "Young's modulus", paper.modulus_reported,
         f"{modulus.value:.2f} ± {modulus.sigma:.2f} GPa (true {true_modulus} GPa)",
         f"within {facts.MODULUS_BAR_GPA} GPa", off <= facts.MODULUS_BAR_GPA,
     )  # fmt: skip

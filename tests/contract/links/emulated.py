@@ -1,6 +1,6 @@
 """Devices on a desk, written apart from the drivers: registers with a hook, served over TCP and over a pseudo-terminal, in threads.
 
-Every request is noted. Answers over the pseudo-terminal can be made late; the device answers in the order in which it was asked, as a
+Every request is noted. Answers over the pseudo-terminal can be made late; the device answers in the order of the requests, as a
 device with one processor does.
 """
 
@@ -103,20 +103,20 @@ def _serve(client: socket.socket, device: Device) -> None:
 
 @contextmanager
 def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0.0) -> Iterator[str]:
-    """Serve devices by unit over one pseudo-terminal; gives its path. `late_s` is asked before each answer."""
+    """Serve devices by unit over one pseudo-terminal; gives its path. `late_s` is called before each answer."""
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     over = threading.Event()
     requested: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
-    def hear() -> None:
-        heard = b""
+    def receive() -> None:
+        received = b""
         while not over.is_set():
             if not select.select([ours], [], [], 0.05)[0]:
                 continue
-            heard += os.read(ours, 4096)
-            while frame := _first_frame(heard):
-                heard = heard[len(frame) :]
+            received += os.read(ours, 4096)
+            while frame := _first_frame(received):
+                received = received[len(frame) :]
                 requested.put(frame)
 
     def speak() -> None:
@@ -130,7 +130,7 @@ def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0
                 time.sleep(late_s())
                 os.write(ours, body + crc(body))
 
-    threads = [threading.Thread(target=run, daemon=True) for run in (hear, speak)]
+    threads = [threading.Thread(target=run, daemon=True) for run in (receive, speak)]
     for thread in threads:
         thread.start()
     path = os.ttyname(theirs)
@@ -147,11 +147,11 @@ def over_rtu(devices: dict[int, Device], late_s: Callable[[], float] = lambda: 0
         os.close(theirs)
 
 
-def _first_frame(heard: bytes) -> bytes:
-    if len(heard) < 8:
+def _first_frame(received: bytes) -> bytes:
+    if len(received) < 8:
         return b""
-    length = 8 if heard[1] in (1, 2, 3, 4, 5, 6) else 9 + heard[6]
-    return heard[:length] if len(heard) >= length and crc(heard[: length - 2]) == heard[length - 2 : length] else b""
+    length = 8 if received[1] in (1, 2, 3, 4, 5, 6) else 9 + received[6]
+    return received[:length] if len(received) >= length and crc(received[: length - 2]) == received[length - 2 : length] else b""
 
 
 @dataclass

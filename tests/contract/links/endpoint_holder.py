@@ -1,4 +1,4 @@
-"""A process that reserves an endpoint, says `held` or why not, and keeps it until its standard input ends."""
+"""A process that reserves an endpoint, prints `held` or the reason why not, and keeps it until its standard input ends."""
 
 from __future__ import annotations
 

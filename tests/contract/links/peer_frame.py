@@ -58,7 +58,7 @@ class Peer:
         return self.now()[3] != "0"
 
     def text(self) -> str:
-        """The whole log."""
+        """The complete log."""
         return self.log.read_text(encoding="utf-8")
 
     def times_s(self, what: str) -> list[float]:

@@ -1,4 +1,4 @@
-"""Starts the peers as processes and speaks to them behind the drivers' back."""
+"""Starts the peers as processes and accesses them without the drivers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Peer:
     port: int
 
     def pause(self) -> None:
-        """It goes on accepting connections (the kernel does), and answers nothing."""
+        """It continues to accept connections (the kernel does), and answers nothing."""
         self.process.send_signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
@@ -88,7 +88,7 @@ def peer(name: str = "register_server.py", port: int = 0) -> Iterator[Peer]:
 
 
 def wait_until(condition: object, within_s: float = 100.0) -> None:
-    """Until a callable says so.
+    """Until a callable returns true.
 
     Raises:
         AssertionError: if it does not in time.

@@ -1,6 +1,6 @@
 """A Modbus TCP server in a process of its own, after docs/reference/bench-registers.md, that misbehaves on request.
 
-Written apart from the drivers and the simulators. Prints its port. Misbehaviour is a word in holding register 900:
+Written independently of the drivers and the simulators. Prints its port. Misbehaviour is selected by holding register 900:
 1 frozen counter, 2 NaN force, 3 takes no commands, 4 a motion state that does not exist, 5 refuses writes (exception 6), 6 wrong identity.
 Force may be set through 902-903. Holding register 910 counts commands to the load frame, 911 keeps the last one,
 912 how often the heartbeat changed.

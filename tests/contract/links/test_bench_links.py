@@ -38,7 +38,7 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, object
         assert process.wait(100.0) == 0
 
 
-def test_the_strain_gage_is_read_along_with_the_load_where_the_settings_say_that_there_is_one(ready: dict[str, object]) -> None:
+def test_the_strain_gage_is_read_with_the_load_where_the_settings_have_one(ready: dict[str, object]) -> None:
     clock = SimulatedClock(Path(str(ready["clock_file"])))
     plain = open_load_frame({"port": ready["port"]}, clock)
     without = plain.read()
@@ -52,7 +52,7 @@ def test_the_strain_gage_is_read_along_with_the_load_where_the_settings_say_that
     assert len(printed.raw) == len(without.raw) + 2
 
 
-def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[str, object]) -> None:
+def test_a_load_frame_without_commands_stops_its_ramp_by_its_watchdog(ready: dict[str, object]) -> None:
     clock = SimulatedClock(Path(str(ready["clock_file"])))
     settings = {"port": ready["port"], "watchdog_s": 2.0}
     device = open_load_frame(settings, clock)
@@ -68,16 +68,16 @@ def test_a_load_frame_that_is_left_alone_in_a_ramp_stops_by_itself(ready: dict[s
         assert looking.connect()
         wait_until(lambda: looking.read_input_registers(3, count=1, device_id=int(str(ready["unit"]))).registers == [2])
     again = open_load_frame(settings, clock)
-    left = again.read()
-    assert left.motion is MotionState.FAULT
-    assert abs(left.force_n - left.target_n) < 8.0
+    remaining = again.read()
+    assert remaining.motion is MotionState.FAULT
+    assert abs(remaining.force_n - remaining.target_n) < 8.0
     again.stop()
     assert again.read().motion is MotionState.STOPPED
     with pytest.raises(LinkError, match=r"the value is not allowed \(exception 3\)"):
         again.ramp_to(5000.0, 10.0)
     again.stop()
     assert again.read().motion is MotionState.STOPPED
-    # A device that may be moving is told to stop when its link closes, and keeps its watchdog, which would stop the stage of the next test.
+    # A device that may be moving gets a stop when its link closes, and keeps its watchdog, which would stop the stage of the next test.
     device.close()
     again.stop()
     again.close()

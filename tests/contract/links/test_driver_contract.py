@@ -35,18 +35,18 @@ APPROACH = {"stiffness_n_mm": 1200.0, "speed_max_mm_s": 0.5, "speed_min_mm_s": 0
 
 
 class SomeRig:
-    """A rig of functions; `deaf` cuts the link."""
+    """A rig of functions; `disconnect_link` cuts the link."""
 
     def __init__(
         self,
         open_frame: Callable[[], LoadFrame],
         moves: Callable[[], bool] = lambda: False,
-        deaf: Callable[[bool], None] | None = None,
+        disconnect_link: Callable[[bool], None] | None = None,
         reachable_n: float = 0.0,
         tolerance_n: float = 1.0,
     ) -> None:
-        self._open, self._moves, self._deaf = open_frame, moves, deaf
-        self.reachable_n, self.tolerance_n, self.can_disconnect = reachable_n, tolerance_n, deaf is not None
+        self._open, self._moves, self._disconnect_link = open_frame, moves, disconnect_link
+        self.reachable_n, self.tolerance_n, self.can_disconnect = reachable_n, tolerance_n, disconnect_link is not None
 
     def open(self) -> LoadFrame:
         return self._open()
@@ -55,12 +55,12 @@ class SomeRig:
         return self._moves()
 
     def disconnect(self) -> None:
-        if self._deaf is not None:
-            self._deaf(True)
+        if self._disconnect_link is not None:
+            self._disconnect_link(True)
 
     def reconnect(self) -> None:
-        if self._deaf is not None:
-            self._deaf(False)
+        if self._disconnect_link is not None:
+            self._disconnect_link(False)
 
 
 def bench(stack: ExitStack, line: Line) -> SomeRig:
@@ -76,7 +76,7 @@ def bench(stack: ExitStack, line: Line) -> SomeRig:
     clock.begin()
     troubles = registers.line_faults
 
-    def deaf(yes: bool) -> None:
+    def disconnect_link(yes: bool) -> None:
         troubles.order(LineFault.SILENT, [line], 1, 60.0) if yes else troubles.clear()
 
     def moves() -> bool:
@@ -88,16 +88,16 @@ def bench(stack: ExitStack, line: Line) -> SomeRig:
         path, _ = stack.enter_context(ascii_line(machine, clock.now_ns, troubles))
         approach = {"stiffness_n_mm": 8000.0, "speed_max_mm_s": 0.05, "speed_min_mm_s": 0.0084, "arrived_n": 12.0, "ahead_s": 0.6}
         text = {"map": "mark10_esm", "serial": {"port": path, "slowest_s": 0.2}, "confirmed": True, "approach": approach}
-        return SomeRig(lambda: open_text({**text, "timeout_s": 1.0}, CLOCK), moves, deaf, 150.0, 60.0)
+        return SomeRig(lambda: open_text({**text, "timeout_s": 1.0}, CLOCK), moves, disconnect_link, 150.0, 60.0)
     if line is Line.RTU:
         settings["serial"] = {"port": stack.enter_context(rtu_line(port, UNIT, troubles)), "slowest_s": 0.2}
     else:
         settings["port"] = port
-    return SomeRig(lambda: open_modbus(settings, CLOCK), moves, deaf, 100.0, 30.0)
+    return SomeRig(lambda: open_modbus(settings, CLOCK), moves, disconnect_link, 100.0, 30.0)
 
 
 class Silence:
-    """A device that can be made not to hear."""
+    """A device whose link can be cut."""
 
     def __init__(self, *devices: Device) -> None:
         self._devices = devices
@@ -130,30 +130,30 @@ def cell_alone(stack: ExitStack) -> SomeRig:
     """A load cell over Modbus, and nothing that moves."""
     cell = laumas_tlb(Spring())
     port = stack.enter_context(over_tcp(cell))
-    return SomeRig(lambda: open_modbus({"map": "laumas_tlb", "port": port}, CLOCK), deaf=Silence(cell))
+    return SomeRig(lambda: open_modbus({"map": "laumas_tlb", "port": port}, CLOCK), disconnect_link=Silence(cell))
 
 
 def amplifier(stack: ExitStack) -> SomeRig:
-    """An amplifier that speaks text."""
+    """An amplifier with a text protocol."""
     silent = [False]
     reported = {"!001:STN?": "+1.0\r", "!001:SYS?": "+0.5\r", "!001:STAT?": "+0.0\r"}
     path = stack.enter_context(over_text(lambda line: "" if silent[0] else reported[line]))
     settings = {"map": "mantracourt_dsc", "serial": {"port": path, "slowest_s": 0.2}}
-    return SomeRig(lambda: open_text(settings, CLOCK), deaf=lambda yes: silent.__setitem__(0, yes))
+    return SomeRig(lambda: open_text(settings, CLOCK), disconnect_link=lambda yes: silent.__setitem__(0, yes))
 
 
 def by_hand(stack: ExitStack) -> SomeRig:
     """A hand that types the load after a moment."""
     typed: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     stack.callback(typed.put, None)
-    asked_s = [0.0]
+    last_command_s = [0.0]
 
     def shown(line: str) -> None:
         if line.startswith("in "):
-            asked_s[0] = time.monotonic()
+            last_command_s[0] = time.monotonic()
             typed.put("49.5")
         elif line.startswith("STOP"):
-            asked_s[0] = 0.0
+            last_command_s[0] = 0.0
 
     def lines() -> Iterator[str]:
         for line in iter(typed.get, None):
@@ -177,7 +177,7 @@ def from_file(stack: ExitStack, path: Path) -> SomeRig:
         elif hidden.exists():
             hidden.rename(path)
 
-    return SomeRig(lambda: open_assembled({"cell": cell}, CLOCK), deaf=gone)
+    return SomeRig(lambda: open_assembled({"cell": cell}, CLOCK), disconnect_link=gone)
 
 
 RIGS: dict[str, Callable[[ExitStack, Path], SomeRig]] = {
@@ -211,7 +211,7 @@ def test_no_load_frame_keeps_the_contract_as_far_as_it_has_one(name: str) -> Non
 
 
 class Runaway:
-    """A driver that says stopped and moves on."""
+    """A driver that reports stopped and moves on."""
 
     def __init__(self) -> None:
         self._inner = null.open_load_frame({}, CLOCK)

@@ -34,7 +34,7 @@ from .processes import WallClock
 
 @contextlib.contextmanager
 def process(*words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A process that reserves an endpoint, and what it says."""
+    """A process that reserves an endpoint, and its output."""
     holder = subprocess.Popen(
         [sys.executable, str(Path(__file__).with_name("endpoint_holder.py")), *words],
         stdin=subprocess.PIPE,
@@ -79,7 +79,7 @@ def test_a_second_process_is_refused_before_it_connects(server: socket.socket) -
         assert "endpoint_holder.py tcp 127.0.0.1" in text
 
 
-def test_a_killed_process_leaves_nothing_behind(server: socket.socket) -> None:
+def test_the_lock_of_a_killed_process_is_released(server: socket.socket) -> None:
     words = "tcp", "127.0.0.1", str(port_of(server)), "1"
     with process(*words) as (holder, _):
         holder.send_signal(signal.SIGKILL)
@@ -183,7 +183,7 @@ def test_a_trigger_keeps_its_device_between_requests(server: socket.socket) -> N
         assert printed == "held"
 
 
-def test_nobody_at_the_address_leaves_it_free() -> None:
+def test_an_address_without_a_listener_stays_free() -> None:
     with socket.create_server(("127.0.0.1", 0)) as gone:
         port = port_of(gone)
     with pytest.raises(LinkRefused, match="no device answers"):
@@ -247,7 +247,7 @@ def test_what_a_holder_wrote_is_shown_without_control_characters(tmp_path: Path)
     assert (printed.pid, printed.user, len(printed.command)) == (0, "[2Jroot", 120)
 
 
-def test_doctor_leaves_a_device_alone_that_a_run_holds(server: socket.socket) -> None:
+def test_doctor_does_not_touch_a_device_held_by_a_run(server: socket.socket) -> None:
     port = port_of(server)
     (end,) = endpoints_in({"map": "bench", "host": "127.0.0.1", "port": port})
     frame = DriverSection(driver="modbus", settings={"map": "bench", "host": "127.0.0.1", "port": port})

@@ -216,7 +216,7 @@ def test_minimalmodbus_reads_and_drives_the_bench(line: str) -> None:
 
 
 def drive(settings: dict[str, object]) -> None:
-    """Look, read, command and stop, against a server that stands still."""
+    """Look, read, command and stop, against a server that does not answer."""
     found = check_modbus("bench", {"timeout_s": 3.0, **settings})
     assert {finding.what: finding.observation for finding in found.findings}["identity"] == "0x5e31"
     frame = open_load_frame({"timeout_s": 3.0, "frozen_after_s": 30.0, **settings}, CLOCK)

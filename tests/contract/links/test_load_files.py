@@ -1,4 +1,4 @@
-"""Load from a text file that another program writes: the newest whole line by the head's rules, or one sentence why not."""
+"""Load from a text file that another program writes: the newest complete line by the head's rules, or a message with the reason."""
 
 from __future__ import annotations
 

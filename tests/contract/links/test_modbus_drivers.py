@@ -93,7 +93,7 @@ def test_a_frozen_counter_is_no_reading(bench: Peer, load_frame: LoadFrame) -> N
     ("mode", "sentence"),
     [(2, "register 4 holds nan, which is no reading"), (4, "reports motion state 9, which does not exist")],
 )
-def test_nonsense_is_no_reading(bench: Peer, load_frame: LoadFrame, mode: int, sentence: str) -> None:
+def test_implausible_registers_give_no_reading(bench: Peer, load_frame: LoadFrame, mode: int, sentence: str) -> None:
     bench.misbehave(mode)
     with pytest.raises(LinkError, match=sentence):
         load_frame.read()
@@ -105,7 +105,7 @@ def test_a_command_that_was_not_taken_is_an_error(bench: Peer, load_frame: LoadF
         load_frame.ramp_to(10.0, 1.0)
 
 
-def test_an_exception_reply_is_reported_in_words(bench: Peer, load_frame: LoadFrame) -> None:
+def test_an_exception_reply_is_reported_as_text(bench: Peer, load_frame: LoadFrame) -> None:
     bench.misbehave(5)
     with pytest.raises(LinkError, match=r"refused writing holding register 0: the device is busy \(exception 6\)"):
         load_frame.ramp_to(10.0, 1.0)
@@ -186,7 +186,7 @@ def test_a_stage_stops_without_an_answer_and_its_link_must_then_be_opened_again(
     again.close()
 
 
-def test_a_stage_moves_where_it_is_told(bench: Peer) -> None:
+def test_a_stage_moves_to_its_commanded_position(bench: Peer) -> None:
     stage = open_stage({"port": bench.port, "kind": "beam"}, CLOCK)
     assert isinstance(stage, Stage)
     assert stage.kind is StageKind.BEAM
@@ -226,7 +226,7 @@ def test_settings_are_checked_before_anybody_is_called(settings: dict[str, objec
         open_load_frame(settings, CLOCK)
 
 
-def test_the_drivers_speak_with_a_stack_of_another_make() -> None:
+def test_drivers_work_with_an_independent_modbus_stack() -> None:
     with peer("modbus_tk_server.py") as other:
         load_frame = open_load_frame({"port": other.port}, CLOCK)
         assert not load_frame.identity.simulated

@@ -49,7 +49,7 @@ def opened(peer: Peer) -> Iterator[Opened]:
         yield open_it
 
 
-def test_an_order_leaves_the_registers_between_its_own_alone(peer: Peer, opened: Opened) -> None:
+def test_an_order_does_not_write_the_registers_between_its_own(peer: Peer, opened: Opened) -> None:
     frame = opened("i16")
     frame.ramp_to(30.0, 100.0)
     wait_until(lambda: peer.force_n == pytest.approx(30.0))
@@ -138,7 +138,7 @@ def test_a_stop_finds_nobody(frame_peer: Path, tmp_path: Path) -> None:
 
 
 def until_it_rests(frame: CompositeLoadFrame) -> list[LoadSample]:
-    """All readings until the frame says that it is at rest."""
+    """All readings until the frame reports that it is stationary."""
     observed = [frame.read()]
     wait_until(lambda: (observed.append(frame.read()), observed[-1].motion is MotionState.STOPPED)[1])
     return observed
@@ -177,10 +177,10 @@ def test_an_order_of_an_earlier_process_is_compared_with_what_the_frame_holds(pe
     first.ramp_to(60.0, 100.0)
     until_it_rests(first)
     first.close()  # an orderly end sends a stop
-    as_left = opened(name)
-    as_left.recall_order(60.0, 100.0)
-    assert [(item.order_changed, item.orders_cleared) for item in (as_left.read() for _ in range(3))] == [(None, False)] * 3
-    as_left.close()
+    before = opened(name)
+    before.recall_order(60.0, 100.0)
+    assert [(item.order_changed, item.orders_cleared) for item in (before.read() for _ in range(3))] == [(None, False)] * 3
+    before.close()
     other = opened(name)
     other.recall_order(80.0, 100.0)
     found = [other.read() for _ in range(2)]

@@ -81,7 +81,7 @@ def test_a_sign_in_a_status_bit_and_decimals_in_another_register() -> None:
 
 
 @pytest.mark.parametrize(("name", "made"), [("oriental_az", oriental_az), ("leadshine_rs", leadshine)])
-def test_a_drive_that_knows_no_load_is_brought_to_one_and_back(name: str, made: type) -> None:
+def test_a_drive_without_load_control_reaches_a_load_and_returns(name: str, made: type) -> None:
     spring = Spring()
     with pulled(name, made(spring), spring) as frame:
         for target_n in (60.0, 20.0):
@@ -94,7 +94,7 @@ def test_a_drive_that_knows_no_load_is_brought_to_one_and_back(name: str, made: 
         assert frame.identity.stop_on_link_loss is StopOnLinkLoss.NONE
 
 
-def test_a_drive_that_is_left_alone_stops_after_the_way_that_was_ordered() -> None:
+def test_a_drive_without_commands_stops_after_the_ordered_travel() -> None:
     spring = Spring()
     with pulled("oriental_az", oriental_az(spring), spring) as frame:
         frame.ramp_to(400.0, 100.0)
@@ -103,11 +103,11 @@ def test_a_drive_that_is_left_alone_stops_after_the_way_that_was_ordered() -> No
         for _ in range(8):
             frame.read()
             time.sleep(0.03)
-        left_mm = spring.look()[0]
+        remaining_mm = spring.look()[0]
         time.sleep(0.5)
         at_mm, _, moving = spring.look()
         assert not moving
-        assert 0 < at_mm - left_mm < 100.0 / 1200.0 * 0.2 + 2e-3
+        assert 0 < at_mm - remaining_mm < 100.0 / 1200.0 * 0.2 + 2e-3
 
 
 def test_a_stop_ends_the_ramp() -> None:
@@ -141,7 +141,7 @@ def test_a_way_without_an_end_has_one() -> None:
         assert 0.08 < spring.look()[0] < 0.13
 
 
-def test_a_speed_that_the_drive_cannot_say_is_refused() -> None:
+def test_a_speed_that_the_drive_cannot_represent_is_refused() -> None:
     spring = Spring()
     with pulled("leadshine_rs", leadshine(spring), spring, speed_min_mm_s=0.0) as frame:
         with pytest.raises(
@@ -202,7 +202,7 @@ def test_a_watchdog_of_its_own_is_armed_and_fed_by_changing_numbers() -> None:
         frame.close()
 
 
-def test_a_strain_gage_from_a_file_or_another_device_is_told_next_to_the_load(tmp_path: Path) -> None:
+def test_a_strain_gage_from_a_file_or_another_device_is_reported_with_the_load(tmp_path: Path) -> None:
     spring = Spring(at_mm=0.01, to_mm=0.01)
     amplifier = Device({301: 0x3A03, 302: 0x126F})  # 5.0e-4
     path, mine = tmp_path / "daq.csv", tmp_path / "amplifier.yaml"
@@ -239,7 +239,7 @@ def test_a_look_reads_and_never_writes() -> None:
     assert not cell.writes + drive.writes
 
 
-def test_a_look_finds_a_wrong_order_of_words_and_a_register_that_is_not_there() -> None:
+def test_identification_finds_a_wrong_word_order_and_a_missing_register() -> None:
     cell = laumas_tlb(Spring(at_mm=0.05, to_mm=0.05))
     del cell.words[3]
     with tcp(cell) as (port,):
@@ -363,7 +363,7 @@ def test_a_value_that_a_device_does_not_take_is_an_error_of_the_order(tmp_path: 
 
 
 @pytest.mark.parametrize("exception", [1, 2, 3])
-def test_registers_that_cannot_be_read_are_left_out(tmp_path: Path, exception: int) -> None:
+def test_unreadable_registers_are_omitted(tmp_path: Path, exception: int) -> None:
     device = Device(dict.fromkeys(range(20), 0), refuses=lambda pdu: exception if pdu[0] == 3 else 0)
     with tcp(device) as (port,):
         frame = open_one({"map": unverified(tmp_path), "port": port, "confirmed": True}, CLOCK)

@@ -32,7 +32,7 @@ from .emulated import Device, over_rtu
 from .processes import wait_until
 
 TIMEOUT_S = 0.4
-"""Long beside what a busy computer takes for an answer that is not late."""
+"""Long compared with the time that a busy computer takes for an answer that is not late."""
 
 
 class Lateness:
@@ -80,7 +80,7 @@ def test_a_late_answer_is_not_taken_for_the_next_one(opened: Callable[[], RtuLin
     assert link.read(Block(Kind.HOLDING, 11, 1)) == (1011,)
 
 
-def test_closing_and_opening_again_forgets_nothing(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
+def test_line_state_survives_closing_and_reopening(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
     link = opened()
     lateness.planned = [0.8]
     with pytest.raises(NoReply):
@@ -95,9 +95,9 @@ def test_a_silent_unit_is_probed_shortly_so_that_a_stop_does_not_wait(opened: Ca
     lateness.planned = [5.0, 5.0]
     with pytest.raises(NoReply):
         link.read(Block(Kind.HOLDING, 10, 2))
-    begun_s = time.monotonic()
+    start_s = time.monotonic()
     assert not link.resync()
-    assert time.monotonic() - begun_s < 0.9 * TIMEOUT_S
+    assert time.monotonic() - start_s < 0.9 * TIMEOUT_S
 
 
 def test_late_answers_to_the_probes_themselves(opened: Callable[[], RtuLink], lateness: Lateness) -> None:
@@ -112,7 +112,7 @@ def test_late_answers_to_the_probes_themselves(opened: Callable[[], RtuLink], la
     ]
 
 
-def test_a_stop_is_reported_on_a_line_that_is_not_believed_and_first_when_it_is_opened_again(
+def test_a_stop_is_reported_on_an_unreliable_line_and_sent_first_after_reopening(
     opened: Callable[[], RtuLink], lateness: Lateness, device: Device
 ) -> None:
     link = opened()

@@ -78,7 +78,7 @@ def test_a_reading_in_trouble_is_right_or_refused_and_the_line_comes_back(bench:
     wait_until(comes_back)
 
 
-def test_a_line_that_hears_itself_is_a_setting(bench: tuple[str, LineFaultInjector]) -> None:
+def test_a_line_with_echo_is_a_setting(bench: tuple[str, LineFaultInjector]) -> None:
     path, troubles = bench
     settings = {"timeout_s": 5.0, "frozen_after_s": 100.0}
     troubles.order(LineFault.ECHO, [Line.RTU], 60, 0.0)

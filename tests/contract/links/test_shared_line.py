@@ -44,7 +44,7 @@ def settings(path: str, unit: int, timeout_s: float = 5.0, **serial: object) -> 
     return ModbusSettings.model_validate({"serial": line, "unit": unit, "timeout_s": timeout_s})
 
 
-def test_two_threads_read_and_write_at_once_and_each_hears_its_own(path: str, devices: dict[int, Device]) -> None:
+def test_two_threads_read_and_write_concurrently_and_get_their_own_replies(path: str, devices: dict[int, Device]) -> None:
     wrong: list[object] = []
 
     def work(unit: int) -> None:
@@ -73,7 +73,7 @@ def test_a_device_that_falls_silent_or_is_late_does_not_harm_its_neighbour(
     late[:] = [0.6]
     with pytest.raises(LinkError, match=f"unit {STAGE} gave no answer"):
         stage.read(Block(Kind.HOLDING, 3, 1))
-    # The stage's answer comes while the frame asks: it is nobody's, and the frame's own is asked for again.
+    # The stage's answer comes while the frame asks: it is nobody's, and the frame's own is requested again.
     try:
         assert frame.read(Block(Kind.HOLDING, 3, 1)) == (1003,)
     except LinkError:

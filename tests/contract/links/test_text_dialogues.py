@@ -177,7 +177,7 @@ def test_a_stand_reports_how_fine_its_readings_are_and_which_orders_it_cannot_ho
 
 
 def read_three_times(frame: LoadFrame) -> None:
-    """What comes twice is heard with the next request at the latest."""
+    """What comes twice is discarded with the next request at the latest."""
     for _ in range(3):
         frame.read()
 

@@ -1,4 +1,4 @@
-"""`semlive experiment decide`: one JSON object, and what is said of runs that decide nothing."""
+"""`semlive experiment decide`: one JSON object, and the messages for runs that decide nothing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from semlive_simulators.effects.image_field import AnisotropicPixel
 from semlive_simulators.effects.scan_deflection import FlybackSettling
 from semlive_simulators.microscope.scan import Scan
 
-Said = tuple[int, str, str]
+Printed = tuple[int, str, str]
 GRID = Grid(56, 56, 20, 45, 38, 43)
 HALF = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
 SETTLES = FlybackSettling(1.0, 4e-3)
@@ -39,7 +39,7 @@ def written(folder: Path, seed: int, scan: Scan, bent_like: int | None) -> Path:
     return imported(folder, conditions, (SETTLES,), GRID)
 
 
-def test_a_decision_is_one_object(semlive: Callable[..., Said], runs: tuple[Path, Path]) -> None:
+def test_a_decision_is_one_object(semlive: Callable[..., Printed], runs: tuple[Path, Path]) -> None:
     code, out, _ = semlive("experiment", "decide", *map(str, runs), "--json")
     found = json.loads(out)
     assert code == 0
@@ -56,7 +56,7 @@ def test_a_decision_is_one_object(semlive: Callable[..., Said], runs: tuple[Path
     assert "settling_s" in out
 
 
-def test_a_run_next_to_itself_decides_nothing(semlive: Callable[..., Said], runs: tuple[Path, Path]) -> None:
+def test_a_run_next_to_itself_decides_nothing(semlive: Callable[..., Printed], runs: tuple[Path, Path]) -> None:
     code, out, err = semlive("experiment", "decide", str(runs[0]), str(runs[0]), "--json")
     assert (code, out) == (1, "")
     assert "half or twice the dwell" in err.splitlines()[-1]
@@ -76,7 +76,7 @@ def turned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return item, two
 
 
-def test_a_turned_scan_reports_all_that_has_a_name(semlive: Callable[..., Said], turned: tuple[Path, Path]) -> None:
+def test_a_turned_scan_reports_all_that_has_a_name(semlive: Callable[..., Printed], turned: tuple[Path, Path]) -> None:
     code, out, _ = semlive("experiment", "decide", *map(str, turned), "--json")
     found = json.loads(out)
     assert code == 0

@@ -13,11 +13,11 @@ from numexp.experiment import make_experiment
 
 from semlive.data.grid import Grid
 
-Said = tuple[int, str, str]
+Printed = tuple[int, str, str]
 DOMAINS = {"space", "row", "row_start", "scan_time", "frame", "load", "fraction", "moves"}
 
 
-def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Said], tmp_path: Path) -> None:
+def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Printed], tmp_path: Path) -> None:
     experiment = make_experiment(CASES["magnification"], 3, Grid(101, 101, 20, 38, 30, 43), calibration_pairs=6)
     write_folder(experiment, tmp_path / "maps")
     log, model = tmp_path / "log.mcap", tmp_path / "model.json"
@@ -66,14 +66,14 @@ def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Sai
 
 
 def gaged(folder: Path, share: float) -> None:
-    """A gage that says a share of the strain under each load, where loads are those of an area of 1 mm^2."""
+    """A gage that reports a share of the strain under each load, where loads are those of an area of 1 mm^2."""
     head, *lines = (folder / "frames.csv").read_text().splitlines()
     loads = [line.split(",")[head.split(",").index("load_n")] for line in lines]
     printed = [f"{line},{share * float(load) / MODULUS_MPA if load else ''}" for line, load in zip(lines, loads, strict=True)]
     (folder / "frames.csv").write_text("\n".join([f"{head},gage_strain", *printed, ""]))
 
 
-def test_strain_that_a_gage_does_not_see_is_told_and_not_corrected(semlive: Callable[..., Said], tmp_path: Path) -> None:
+def test_strain_that_a_gage_does_not_show_is_reported_and_not_corrected(semlive: Callable[..., Printed], tmp_path: Path) -> None:
     folder = write_folder(make_experiment(CASES["tension"], 3, Grid(101, 101, 20, 38, 30, 43), calibration_pairs=6), tmp_path / "maps")
     log, model, page = tmp_path / "log.mcap", tmp_path / "model.json", tmp_path / "page.html"
     assert semlive("import", str(folder), "-o", str(log), "--subset-px", "43")[0] == 0
@@ -104,13 +104,13 @@ def test_strain_that_a_gage_does_not_see_is_told_and_not_corrected(semlive: Call
     assert "model: out_of_plane_translation is strain to the maps, and is left in" in json.loads(out)["warnings"]
 
 
-def test_too_few_pairs_are_one_sentence(semlive: Callable[..., Said], short: Path) -> None:
+def test_too_few_pairs_give_one_error_line(semlive: Callable[..., Printed], short: Path) -> None:
     code, out, err = semlive("diagnose", str(short), "--json")
     assert (code, out) == (1, "")
     assert "needs at least 5 pairs" in err.splitlines()[-1]
 
 
-def test_prove_needs_a_new_folder(semlive: Callable[..., Said], tmp_path: Path) -> None:
+def test_prove_needs_a_new_folder(semlive: Callable[..., Printed], tmp_path: Path) -> None:
     (tmp_path / "old").mkdir()
     (tmp_path / "old" / "model.json").write_text("{}")
     code, out, err = semlive("diagnose", str(tmp_path / "no-log"), "--prove", "short", "--prove-out", str(tmp_path / "old"))

@@ -30,7 +30,7 @@ NAMES = ("u", "v", "exx", "eyy", "exy", "sigma_u", "sigma_v")
 
 
 @pytest.fixture(scope="module")
-def known(imported: Path) -> Any:
+def summary(imported: Path) -> Any:
     return replay(ReplayRequest(imported, until=5))
 
 
@@ -61,74 +61,74 @@ def fields(result: RunResult, number: int) -> dict[str, np.ndarray]:
     }
 
 
-def test_hdf5_holds_fields_series_units_and_configuration(exported: Callable[[str], Path], known: Any) -> None:
+def test_hdf5_holds_fields_series_units_and_configuration(exported: Callable[[str], Path], summary: Any) -> None:
     path = exported("hdf5")
     with h5py.File(path) as file:
         assert set(file) == {"frames", "stack", "drift", "distortion", "series", "elastic", "configuration", "settings", "result"}
         assert list(file["frames"]) == sorted(str(item) for item in range(12))
         group = file["frames/11"]
         assert set(group) >= {"x", "y", "u", "v", "exx", "eyy", "exy", "sigma_u", "sigma_v", "valid"}
-        x, y = known.analysis.grid.mesh()
+        x, y = summary.analysis.grid.mesh()
         np.testing.assert_array_equal(group["x"], x)
         np.testing.assert_array_equal(group["y"], y)
-        for name, values in fields(known.result, 11).items():
+        for name, values in fields(summary.result, 11).items():
             np.testing.assert_array_equal(group[name], values)
-        dmap = next(item for item in known.analysis.maps_from_reference if item.current == 11)
-        for name, values in zip(("systematic_u", "systematic_v"), next(correction_sigmas(known.solution, (dmap,))), strict=True):
+        dmap = next(item for item in summary.analysis.maps_from_reference if item.current == 11)
+        for name, values in zip(("systematic_u", "systematic_v"), next(correction_sigmas(summary.solution, (dmap,))), strict=True):
             np.testing.assert_allclose(group[name], np.where(group["valid"], values, 0.0), rtol=1e-9)
         assert float(group["systematic_u"][()].max()) > 0.0
         assert not file["frames/0/systematic_u"][()].any()
-        np.testing.assert_array_equal(group["valid"], known.result.frames[11].displacement.valid)
+        np.testing.assert_array_equal(group["valid"], summary.result.frames[11].displacement.valid)
         assert group["u"].attrs["units"] == "px"
         assert group["eyy"].attrs["units"] == "1"
         assert (group.attrs["pair"], group.attrs["phase"]) == (5, "tension")
-        drift = known.result.estimate.drift
+        drift = summary.result.estimate.drift
         np.testing.assert_array_equal(file["drift/time_s"], drift.time_s)
         np.testing.assert_array_equal(np.stack([file["drift/dx_px"], file["drift/dy_px"]], axis=1), drift.drift_px)
         assert file["drift/sigma_px"].shape == drift.time_s.shape
         for name, values in (("dx_px", "ex_px"), ("dy_px", "ey_px"), ("sigma_px", "sigma_px")):
-            np.testing.assert_array_equal(file["distortion"][name], getattr(known.result.estimate.distortion, values))
-        assert json.loads(file["result"].asstr()[()]) == result_json(known.result, known.settings)
+            np.testing.assert_array_equal(file["distortion"][name], getattr(summary.result.estimate.distortion, values))
+        assert json.loads(file["result"].asstr()[()]) == result_json(summary.result, summary.settings)
         assert json.loads(file["configuration"].asstr()[()])["imported"]["engines"] == ["semlive"]
         assert json.loads(file["settings"].asstr()[()])["estimate.window_points"] == 9
 
 
-def test_hdf5_presents_all_frames_as_one_array_without_storing_them_twice(exported: Callable[[str], Path], known: Any) -> None:
+def test_hdf5_presents_all_frames_as_one_array_without_storing_them_twice(exported: Callable[[str], Path], summary: Any) -> None:
     with h5py.File(exported("hdf5")) as file:
         stack = file["stack"]
         assert stack["eyy"].is_virtual
-        assert stack["eyy"].shape == (12, *known.analysis.grid.shape)
+        assert stack["eyy"].shape == (12, *summary.analysis.grid.shape)
         assert stack["u"].attrs["units"] == "px"
         assert stack["frame"][()].tolist() == list(range(12))
-        np.testing.assert_array_equal(stack["x"], known.analysis.grid.x_px)
-        for name, values in fields(known.result, 11).items():
+        np.testing.assert_array_equal(stack["x"], summary.analysis.grid.x_px)
+        for name, values in fields(summary.result, 11).items():
             np.testing.assert_array_equal(stack[name][11], values)
 
 
-def test_xarray_reads_the_hdf5(exported: Callable[[str], Path], known: Any) -> None:
+def test_xarray_reads_the_hdf5(exported: Callable[[str], Path], summary: Any) -> None:
     with h5py.File(exported("hdf5")) as file:
         group = file["frames/3"]
         frame = xr.Dataset({name: (("y", "x"), group[name][()], dict(group[name].attrs)) for name in NAMES})
-    assert float(frame.eyy.max()) == known.result.frames[3].strain.eyy.max()
+    assert float(frame.eyy.max()) == summary.result.frames[3].strain.eyy.max()
 
 
-def test_pandas_reads_the_csv(exported: Callable[[str], Path], known: Any) -> None:
+def test_pandas_reads_the_csv(exported: Callable[[str], Path], summary: Any) -> None:
     out = exported("csv")
     frame, series = pd.read_csv(out / "frame_00011.csv"), pd.read_csv(out / "series.csv")
-    for name, values in fields(known.result, 11).items():
+    for name, values in fields(summary.result, 11).items():
         column = name if name.startswith("e") else f"{name}_px"
         np.testing.assert_array_equal(frame[column], values.ravel())
     assert list(series["frame"]) == list(range(12))
     assert list(series["phase"])[-1] == "tension"
-    assert series["eyy_mean"].iloc[-1] == known.result.summaries[-1].mean.eyy
+    assert series["eyy_mean"].iloc[-1] == summary.result.summaries[-1].mean.eyy
     assert series["load_n"].isna().sum() == 10  # no load before the first load step
-    assert len(pd.read_csv(out / "drift.csv")) == len(known.result.estimate.drift.time_s)
+    assert len(pd.read_csv(out / "drift.csv")) == len(summary.result.estimate.drift.time_s)
     assert len(pd.read_csv(out / "distortion.csv")) == frame.shape[0]
 
 
-def test_scipy_reads_the_mat_file_as_octave_would(exported: Callable[[str], Path], known: Any) -> None:
+def test_scipy_reads_the_mat_file_as_octave_would(exported: Callable[[str], Path], summary: Any) -> None:
     held = scipy.io.loadmat(exported("mat"), simplify_cells=True)
-    for name, values in fields(known.result, 11).items():
+    for name, values in fields(summary.result, 11).items():
         np.testing.assert_array_equal(held["frame_00011"][name], values)
     assert held["units"]["u"] == "px"
     assert list(held["series"]["phase"])[-1] == "tension"
@@ -136,17 +136,17 @@ def test_scipy_reads_the_mat_file_as_octave_would(exported: Callable[[str], Path
     assert scipy.io.whosmat(exported("mat"))[0] == ("frame_00000", (1, 1), "struct")
 
 
-def test_vtk_reads_the_image_data(exported: Callable[[str], Path], known: Any) -> None:
+def test_vtk_reads_the_image_data(exported: Callable[[str], Path], summary: Any) -> None:
     out = exported("vtk")
     reader = vtkXMLImageDataReader()
     reader.SetFileName(os.fspath(out / "frame_00011.vti"))
     reader.Update()
-    image, grid = reader.GetOutput(), known.analysis.grid
+    image, grid = reader.GetOutput(), summary.analysis.grid
     assert image.GetDimensions() == (grid.nx, grid.ny, 1)
     assert image.GetOrigin()[:2] == (grid.x0_px, grid.y0_px)
     assert image.GetSpacing()[:2] == (grid.step_px, grid.step_px)
     held = image.GetPointData()
-    expected = fields(known.result, 11)
+    expected = fields(summary.result, 11)
     moved = vtk_to_numpy(held.GetArray("displacement"))
     np.testing.assert_array_equal(moved[:, 0], expected["u"].ravel())
     np.testing.assert_array_equal(moved[:, 1], expected["v"].ravel())
@@ -156,19 +156,19 @@ def test_vtk_reads_the_image_data(exported: Callable[[str], Path], known: Any) -
     assert (out / "distortion.vti").is_file()
 
 
-def test_vtk_reads_the_mesh_of_the_measured_points(exported: Callable[[str], Path], known: Any) -> None:
+def test_vtk_reads_the_mesh_of_the_measured_points(exported: Callable[[str], Path], summary: Any) -> None:
     out = exported("vtu")
     reader = vtkXMLUnstructuredGridReader()
     reader.SetFileName(os.fspath(out / "frame_00011.vtu"))
     reader.Update()
-    mesh, valid = reader.GetOutput(), known.result.frames[11].displacement.valid
+    mesh, valid = reader.GetOutput(), summary.result.frames[11].displacement.valid
     assert mesh.GetNumberOfPoints() == valid.sum()
     assert mesh.GetNumberOfCells() == (valid[:-1, :-1] & valid[:-1, 1:] & valid[1:, 1:] & valid[1:, :-1]).sum()
-    assert mesh.GetCell(0).GetBounds()[1] - mesh.GetCell(0).GetBounds()[0] == known.analysis.grid.step_px
+    assert mesh.GetCell(0).GetBounds()[1] - mesh.GetCell(0).GetBounds()[0] == summary.analysis.grid.step_px
     held = mesh.GetPointData()
     moved = vtk_to_numpy(held.GetArray("displacement"))
-    np.testing.assert_array_equal(moved[:, 1], known.result.frames[11].displacement.v_px[valid])
-    np.testing.assert_array_equal(vtk_to_numpy(held.GetArray("eyy")), known.result.frames[11].strain.eyy[valid])
+    np.testing.assert_array_equal(moved[:, 1], summary.result.frames[11].displacement.v_px[valid])
+    np.testing.assert_array_equal(vtk_to_numpy(held.GetArray("eyy")), summary.result.frames[11].strain.eyy[valid])
     assert (out / "frames.pvd").read_text().count("frame_00011.vtu") == 1
 
 
@@ -183,7 +183,7 @@ def test_a_mesh_has_no_cell_at_a_gap(tmp_path: Path) -> None:
     assert (reader.GetOutput().GetNumberOfPoints(), reader.GetOutput().GetNumberOfCells()) == (11, 2)
 
 
-def test_pictures(semlive: Semlive, short: Path, tmp_path: Path) -> None:
+def test_images(semlive: Semlive, short: Path, tmp_path: Path) -> None:
     code, _, err = semlive("export", str(short), "--format", "png", "-o", str(tmp_path / "maps"), "--until", "0")
     assert (code, err) == (0, "")
     names = {path.name for path in (tmp_path / "maps").glob("*.png")}
@@ -194,7 +194,7 @@ def test_pictures(semlive: Semlive, short: Path, tmp_path: Path) -> None:
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 256  # maps, not a blank sheet
 
 
-def test_what_cannot_be_written_is_one_sentence_and_leaves_nothing(semlive: Semlive, imported: Path, tmp_path: Path) -> None:
+def test_a_failed_export_gives_one_error_line_and_no_file(semlive: Semlive, imported: Path, tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     code, out, err = semlive("export", str(imported), "--format", "csv", "-o", str(tmp_path / "taken" / "out"))
     assert (code, out) == (2, "")

@@ -1,4 +1,4 @@
-"""What `semlive diagnose` says of the experiments that would decide what it leaves open."""
+"""Output of `semlive diagnose` on the experiments that would decide an open question."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 from blind.cases import GRID, ONE, Case
 from blind.imported import imported
 
-Said = tuple[int, str, str]
+Printed = tuple[int, str, str]
 
 
-def test_an_open_verdict_predicts_what_experiments_decide(semlive: Callable[..., Said], tmp_path: Path) -> None:
+def test_an_open_verdict_predicts_what_experiments_decide(semlive: Callable[..., Printed], tmp_path: Path) -> None:
     case = Case(ONE, ("wrong_row_time",), 1.43, 1)
     log = imported(tmp_path / "maps", case.conditions(), case.effects(), GRID)
 

@@ -25,18 +25,18 @@ from semlive.service.replay.replay import ReplayRequest, replay
 Semlive = Callable[..., tuple[int, str, str]]
 
 
-def test_the_command_writes_a_log_and_says_so_in_one_object(semlive: Semlive, folder: Path, tmp_path: Path) -> None:
+def test_the_command_writes_a_log_and_prints_one_json_object(semlive: Semlive, folder: Path, tmp_path: Path) -> None:
     log = tmp_path / "brought.mcap"
     code, out, err = semlive("import", str(folder), "-o", str(log), "--specimen-area-mm2", "1.0", "--loading-axis", "y", "--json")
     assert (code, err) == (0, "")
-    said = json.loads(out)
-    assert said["pairs"] == 12
-    assert said["maps"] == 23
-    subset_px = said["grid"].pop("subset_px")
-    assert said["grid"] == {"x0_px": 101, "y0_px": 101, "step_px": 25, "nx": 30, "ny": 24}
+    printed = json.loads(out)
+    assert printed["pairs"] == 12
+    assert printed["maps"] == 23
+    subset_px = printed["grid"].pop("subset_px")
+    assert printed["grid"] == {"x0_px": 101, "y0_px": 101, "step_px": 25, "nx": 30, "ny": 24}
     assert subset_px == pytest.approx(43, abs=6)  # of the noise in the maps, which do not state it
-    assert (said["noise"]["subset_px"], said["noise"]["source"], said["noise"]["maps"]) == (subset_px, "estimated", 6)
-    assert said["from"] == ["semlive"]
+    assert (printed["noise"]["subset_px"], printed["noise"]["source"], printed["noise"]["maps"]) == (subset_px, "estimated", 6)
+    assert printed["from"] == ["semlive"]
     assert log.is_file()
     assert list(tmp_path.iterdir()) == [log]
 
@@ -52,17 +52,17 @@ def test_maps_stand_in_the_log_as_they_were_listed(imported: Path, experiment: E
 
 def test_strain_and_elastic_constants_come_out_right(imported: Path, experiment: Experiment) -> None:
     done = replay(ReplayRequest(imported))
-    told = result_json(done.result, done.settings)
-    assert told["pairs"] == 12
-    assert told["vsg_px"] == 8 * 25
-    assert told["window_px"] == 9 * 25
-    modulus, ratio = told["elastic"]["youngs_modulus_gpa"], told["elastic"]["poissons_ratio"]
+    expected = result_json(done.result, done.settings)
+    assert expected["pairs"] == 12
+    assert expected["vsg_px"] == 8 * 25
+    assert expected["window_px"] == 9 * 25
+    modulus, ratio = expected["elastic"]["youngs_modulus_gpa"], expected["elastic"]["poissons_ratio"]
     assert abs(modulus["value"] - 71.1) < 4 * modulus["sigma"] < 4.0
     assert abs(ratio["value"] - 0.33) < 4 * ratio["sigma"] < 0.1
-    for frame in told["frames"]:
-        truth = experiment.pairs[frame["pair"]].seen[-1].gradient
+    for frame in expected["frames"]:
+        truth = experiment.pairs[frame["pair"]].observed[-1].gradient
         assert abs(frame["strain_mean"]["eyy"] - truth[1, 1]) < 5 * frame["strain_mean_sigma"]["eyy"] + 1e-6
-    assert [frame["frame"] for frame in told["frames"]] == list(range(24))
+    assert [frame["frame"] for frame in expected["frames"]] == list(range(24))
 
 
 def test_maps_from_frame_0_to_second_frames_are_taken_too(experiment: Experiment, tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_maps_from_frame_0_to_second_frames_are_taken_too(experiment: Experiment
 def test_an_imported_log_goes_through_report_and_score(semlive: Semlive, imported: Path, tmp_path: Path) -> None:
     code, _, err = semlive("report", str(imported), "-o", str(tmp_path / "page.html"))
     assert code == 0
-    assert all(line.startswith("drawing: ") for line in err.splitlines()), err  # told on a busy computer alone
+    assert all(line.startswith("drawing: ") for line in err.splitlines()), err  # printed on a busy computer alone
     assert "Maps of another engine, step 25 px" in (tmp_path / "page.html").read_text()
 
 
@@ -114,7 +114,7 @@ def test_a_missing_table_of_frames_is_named(copy: Path) -> None:
     assert "no such folder" in refused(copy / "nowhere")
 
 
-def test_unequal_grids_are_told_where_they_part(copy: Path) -> None:
+def test_unequal_grids_are_reported_with_their_first_difference(copy: Path) -> None:
     path = copy / "disparity_0_8.csv"
     path.write_text(path.read_text().replace("\n101,", "\n100,"))
     assert "disparity_0_8.csv: line 2, column x: 100 is not on the grid of the first map (101, 126, ... 826)" in refused(copy)
@@ -137,7 +137,7 @@ def test_what_an_import_did_not_write_is_never_overwritten(copy: Path) -> None:
         import_folder(ImportRequest(copy, mine))
 
 
-def test_maps_of_other_pairs_are_left_out_and_told(copy: Path) -> None:
+def test_maps_of_other_pairs_are_omitted_and_reported(copy: Path) -> None:
     shutil.copy(copy / "disparity_0_8.csv", copy / "disparity_3_8.csv")
     assert import_folder(ImportRequest(copy, copy.parent / "log.mcap")).skipped == ("disparity_3_8.csv",)
 

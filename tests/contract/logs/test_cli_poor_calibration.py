@@ -1,4 +1,4 @@
-"""Translations in one direction only: no strain under load is given out, with the figures that show why, unless it is asked for."""
+"""Translations in one direction only: no strain under load is given out, with the figures that show why, unless it is requested."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ALONG_Y = ("2", "4")
 
 @pytest.fixture(scope="module")
 def poor(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder without the pairs that moved along y; its table tells no commanded shifts."""
+    """The folder without the pairs that moved along y; its table has no commanded shifts."""
     copy = Path(shutil.copytree(folder, tmp_path_factory.mktemp("poor") / "copy"))
     table = copy / "frames.csv"
     lines = table.read_text().splitlines()

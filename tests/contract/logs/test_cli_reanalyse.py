@@ -28,7 +28,7 @@ Semlive = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture(scope="module")
 def logs(short: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """A good log, a torn one, the good one again in another folder under the same name."""
+    """A good log, a truncated one, the good one again in another folder under the same name."""
     folder = tmp_path_factory.mktemp("campaign")
     (folder / "again").mkdir()
     torn = folder / "torn.mcap"
@@ -60,7 +60,7 @@ def checked(out: Path, own: ReplayResult) -> None:
     assert rows[0]["pairs"] == "4"
 
 
-def test_all_cores_and_one_log_that_is_torn(semlive: Semlive, logs: list[Path], own: ReplayResult, tmp_path: Path) -> None:
+def test_all_cores_and_one_truncated_log(semlive: Semlive, logs: list[Path], own: ReplayResult, tmp_path: Path) -> None:
     out = tmp_path / "out"
     code, printed, err = semlive("reanalyse", *map(str, logs), "-o", str(out), "--jobs", "2", "--json")
     assert code == 1
@@ -85,11 +85,11 @@ def test_nobody_at_the_scheduler_s_address(semlive: Semlive, short: Path, tmp_pa
     assert "--dask nonsense://nowhere: the scheduler does not reply" in err
 
 
-def dying(asked: ReplayRequest, name: str, part: str) -> LogOutcome:
+def dying(request: ReplayRequest, name: str, part: str) -> LogOutcome:
     """A process that the system kills while it works on one of the logs."""
-    if asked.log.name.startswith("torn"):
+    if request.log.name.startswith("torn"):
         os.kill(os.getpid(), signal.SIGKILL)
-    return analyse_log(asked, name, part)
+    return analyse_log(request, name, part)
 
 
 def test_a_process_that_dies_takes_no_other_log_with_it(logs: list[Path], tmp_path: Path) -> None:

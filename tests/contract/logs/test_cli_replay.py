@@ -52,7 +52,7 @@ def test_json_has_the_agreed_shape(semlive: Semlive, imported: Path) -> None:
     assert set(reported["elastic"]["poissons_ratio"]) == {"value", "sigma"}
 
 
-def test_a_replay_is_the_same_every_time_and_however_maps_are_kept(imported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_replay_is_reproducible_for_every_storage_of_maps(imported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     reported = []
     for in_memory in (2**30, 0):
         monkeypatch.setattr(MapStore.__init__, "__defaults__", (in_memory,))
@@ -80,7 +80,7 @@ def test_changed_settings_are_set_next_to_the_logs_own(semlive: Semlive, short: 
     assert after.settings.estimate.window_points == 5
 
 
-def test_at_a_pace_pairs_are_told_as_they_come(short: Path) -> None:
+def test_at_a_given_pace_pairs_are_reported_as_they_come(short: Path) -> None:
     observed: list[tuple[int, float]] = []
     begin = time.monotonic()
     # A pair every 429.35 s of the log: 1,288 s from the first to the fourth, at 2,000 times life 0.64 s.
@@ -126,7 +126,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("word", WRONG)
-def test_what_is_wrong_with_a_setting_is_one_sentence(short: Path, word: str) -> None:
+def test_a_wrong_setting_gives_one_error_line(short: Path, word: str) -> None:
     with pytest.raises(BadConfig) as wrong:
         replay(ReplayRequest(short, changes=parse_changes([word]), source=Source.IMAGES))
     assert WRONG[word] in str(wrong.value)
@@ -134,7 +134,7 @@ def test_what_is_wrong_with_a_setting_is_one_sentence(short: Path, word: str) ->
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (("--from-images", "--from-disparity"), "give only one of them"),
         (("--speed", "0"), "give a number above 0"),
@@ -142,8 +142,8 @@ def test_what_is_wrong_with_a_setting_is_one_sentence(short: Path, word: str) ->
         (("--set", "dic.subset=31"), "starts from disparity maps; give a log with images and --from-images."),
     ],
 )
-def test_options_that_do_not_fit_are_refused(semlive: Semlive, short: Path, options: tuple[str, ...], said: str) -> None:
+def test_options_that_do_not_fit_are_refused(semlive: Semlive, short: Path, options: tuple[str, ...], message: str) -> None:
     code, out, err = semlive("replay", str(short), *options)
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
-    assert said in err
+    assert message in err

@@ -27,9 +27,9 @@ def write(path: Path, settings: Sequence[tuple[float, float]]) -> Path:
 def test_settling_in_position_is_found_in_four_settings(semlive: Semlive, tmp_path: Path) -> None:
     code, out, err = semlive("experiment", "row-start", str(write(tmp_path / "four.csv", SETTINGS)), "--json")
     assert (code, err) == (0, "")
-    said = json.loads(out)
-    assert (said["outcome"], said["laws"], said["foretold"]) == ("IDENTIFIED", ["row_start_settling_in_position"], [])
-    assert said["constants"] == {"values": [pytest.approx(1000.0, rel=0.05)], "unit": "nm"}
+    printed = json.loads(out)
+    assert (printed["outcome"], printed["laws"], printed["foretold"]) == ("IDENTIFIED", ["row_start_settling_in_position"], [])
+    assert printed["constants"] == {"values": [pytest.approx(1000.0, rel=0.05)], "unit": "nm"}
 
 
 def test_one_setting_ends_with_a_proposal(semlive: Semlive, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A specimen that leaves the calibrated area is told of with the pair that shows it, and not only at the end."""
+"""A specimen that moves out of the calibrated area is reported with the pair that shows it, and not only at the end."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def loaded(beyond_px: float) -> PairResult:
     raise AssertionError("it has load steps")
 
 
-def test_a_frame_beyond_the_calibrated_area_is_told_at_once() -> None:
+def test_a_frame_beyond_the_calibrated_area_is_reported_at_once() -> None:
     reported = list(result_messages(loaded(120.0), 0.1))
     (fault,) = (from_json(item.topic, item.payload) for item in reported if item.topic == "/fault")
     assert isinstance(fault, FaultMessage)
@@ -41,7 +41,7 @@ def test_a_frame_beyond_the_calibrated_area_is_told_at_once() -> None:
     assert not [item for item in result_messages(loaded(0.0), 0.1) if item.topic == "/fault"]
 
 
-def test_the_calibration_is_told_with_every_pair() -> None:
+def test_the_calibration_is_reported_with_every_pair() -> None:
     (drift,) = (from_json(item.topic, item.payload) for item in result_messages(loaded(0.0), 0.1) if item.topic == "/drift/estimate")
     assert isinstance(drift, DriftMessage)
     assert drift.calibration is not None

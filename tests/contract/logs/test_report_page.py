@@ -176,7 +176,7 @@ def test_a_page_is_named_after_its_log_and_two_do_not_meet(
         assert re.findall(r"<h1>(.*?)</h1>", page.read_text(encoding="utf-8")) == [run]
 
 
-def test_the_page_and_the_export_say_the_measure_of_strain(
+def test_the_page_and_the_export_state_the_measure_of_strain(
     semlive: Callable[..., tuple[int, str, str]], done: ReplayResult, imported: Path, tmp_path: Path
 ) -> None:
     assert "engineering small strain relative to frame 0" in settings_text(done.settings, done.analysis.grid)

@@ -24,9 +24,9 @@ def killed(lab: Lab) -> Observation:
     lab.config["protocol"] |= {"loads_n": [400.0, 420.0], "hold_s": 2.0}
     took, done = [], []
     for state in ("ramping", "settling", "holding", "imaging"):
-        count, asked = lab.states().count(state), lab.states().count("recover")
+        count, recoveries = lab.states().count(state), lab.states().count("recover")
         lab.start(*(["--resume"] if lab.log.is_dir() else []), attended=True)
-        _until_again(lab, state, count, asked)
+        _until_again(lab, state, count, recoveries)
         if state == "ramping":
             until(lambda: lab.stand.moving, "the stand moves")
         began = time.monotonic()
@@ -36,9 +36,9 @@ def killed(lab: Lab) -> Observation:
         took.append(lab.stopped_ms(began) if moved else 0.0)
         done.append(state)
     assert max(took) <= WATCHDOG_MS
-    count, asked = lab.states().count("imaging"), lab.states().count("recover")
+    count, recoveries = lab.states().count("imaging"), lab.states().count("recover")
     lab.start("--resume", attended=True)
-    _until_again(lab, "imaging", count, asked)
+    _until_again(lab, "imaging", count, recoveries)
     time.sleep(0.6)
     for pair in (1, 2):
         for _ in range(2):
@@ -55,13 +55,13 @@ def killed(lab: Lab) -> Observation:
     return Observation(f"killed while {', '.join(done)}; resumed each time, the step repeated; both pairs once", max(took))
 
 
-def _until_again(lab: Lab, state: str, count: int, asked: int) -> None:
+def _until_again(lab: Lab, state: str, count: int, recoveries: int) -> None:
     """Until a state is reached again; a question whether to continue is confirmed."""
     end_s = time.monotonic() + 150.0
     while lab.states().count(state) <= count:
         assert time.monotonic() < end_s, f"not in {state} again: {lab.states()[-6:]}"
-        if lab.states().count("recover") > asked:
-            asked += 1
+        if lab.states().count("recover") > recoveries:
+            recoveries += 1
             lab.enter("resume")
         time.sleep(0.05)
 
@@ -216,7 +216,7 @@ def still_moving(lab: Lab) -> Observation:
     began = start = time.monotonic()
     while len(lab.stand.requests) == requests:  # more closely than `until` looks: the stop may come at once
         began = time.monotonic()
-        assert began < start + 60.0, "the device is asked within a minute"
+        assert began < start + 60.0, "the device is queried within a minute"
         time.sleep(0.001)
     took_ms = stopped(lab, began, 1000.0, "stop")
     code, output = lab.end()

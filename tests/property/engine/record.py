@@ -53,7 +53,7 @@ class Record:
         self.exported: list[int] = []
         self.finished = 0
 
-    def tell(self, event: Event) -> None:
+    def send(self, event: Event) -> None:
         before = self.state
         self.state, given = step(self.state, event)
         assert before is self.state or before.state not in {State.COMPLETE, State.ABORTED}
@@ -90,10 +90,10 @@ class Record:
         for command in given:
             if isinstance(command, RampTo | MoveStage):
                 device = Device.LOAD_FRAME if isinstance(command, RampTo) else Device.STAGE
-                self.tell(CommandAcknowledged(self.now_ns, device))
+                self.send(CommandAcknowledged(self.now_ns, device))
 
     def check_waiting(self, transition: Transition) -> None:
-        """A hold is never shorter than it must be nor longer than it may; the gate opens by the forecast or by the operator's word."""
+        """A hold is never shorter than it must be nor longer than it may; the gate opens by the forecast or by the operator's command."""
         rule, gate = self.state.plan.adaptive_hold, self.state.plan.warm_up
         if transition.cause is Cause.HOLD_COMPLETE:
             held_s = (transition.time_ns - [t for t, state in self.entered if state is State.HOLDING][-1]) / S
@@ -126,9 +126,9 @@ class Record:
     def readings(self) -> None:
         motion = MotionState.STOPPED if self.load_goal_n is None else MotionState.MOVING
         self.samples.append((self.now_ns, self.force_n, motion))
-        self.tell(LoadReading(self.now_ns, LoadSample(0, self.now_ns, 0, self.force_n, 0.0, motion, 0.0)))
+        self.send(LoadReading(self.now_ns, LoadSample(0, self.now_ns, 0, self.force_n, 0.0, motion, 0.0)))
         motion = MotionState.STOPPED if self.stage_goal_um is None else MotionState.MOVING
-        self.tell(StageReading(self.now_ns, StageSample(0, self.now_ns, 0, *self.xy_um, motion)))
+        self.send(StageReading(self.now_ns, StageSample(0, self.now_ns, 0, *self.xy_um, motion)))
 
     def pass_time(self, seconds: float) -> None:
         for _ in range(round(seconds / 0.5)):
@@ -149,10 +149,10 @@ class Record:
             self.pass_time(0.5)
 
     def export(self, began_ns: int) -> None:
-        known = Provenance.FILE
-        timing = ScanTiming(Sourced(1e-4, known), Sourced(FRAME_S / 884, known), Sourced(FRAME_S, known), Sourced(1, known))
+        source = Provenance.FILE
+        timing = ScanTiming(Sourced(1e-4, source), Sourced(FRAME_S / 884, source), Sourced(FRAME_S, source), Sourced(1, source))
         number = len(self.exported)
         self.exported.append(number)
-        pixel = Sourced(1e-6, known)
-        info = FrameInfo(number, f"{number}.tif", "fei", 1024, 884, 0, timing, Sourced(began_ns, known), 0.3, pixel)
-        self.tell(FrameScanned(self.now_ns, info))
+        pixel = Sourced(1e-6, source)
+        info = FrameInfo(number, f"{number}.tif", "fei", 1024, 884, 0, timing, Sourced(began_ns, source), 0.3, pixel)
+        self.send(FrameScanned(self.now_ns, info))

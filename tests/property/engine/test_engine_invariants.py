@@ -38,20 +38,20 @@ class Protocol(RuleBasedStateMachine):
         super().__init__()
         self.run = Record()
 
-    def _tell(self, event: Event) -> None:
-        self.run.tell(event)
+    def _send(self, event: Event) -> None:
+        self.run.send(event)
 
     @initialize()
     def begin(self) -> None:
-        self._tell(LinksOpening(0))
+        self._send(LinksOpening(0))
         self.run.readings()
-        self._tell(LinksReady(0, IDENTITY, IDENTITY))
-        self._tell(OperatorAction(0, OperatorCommand.START))
+        self._send(LinksReady(0, IDENTITY, IDENTITY))
+        self._send(OperatorAction(0, OperatorCommand.START))
 
     @rule(seconds=st.sampled_from([-1.0, 0.5, 2.0, 8.0, 40.0]))
     def wait(self, seconds: float) -> None:
         if seconds < 0:
-            self._tell(Tick(self.run.now_ns - S))
+            self._send(Tick(self.run.now_ns - S))
         else:
             self.run.pass_time(seconds)
 
@@ -62,8 +62,8 @@ class Protocol(RuleBasedStateMachine):
     @rule(count=st.integers(1, 3))
     def go_on_to_a_pair(self, count: int) -> None:
         if self.run.state.state in {State.PAUSED, State.FAULT, State.RESUMING}:
-            self._tell(OperatorAction(self.run.now_ns, OperatorCommand.RESUME))
-            self._tell(OperatorAction(self.run.now_ns, OperatorCommand.RESUME))
+            self._send(OperatorAction(self.run.now_ns, OperatorCommand.RESUME))
+            self._send(OperatorAction(self.run.now_ns, OperatorCommand.RESUME))
         for _ in range(60):
             if self.run.state.state is State.IMAGING:
                 break
@@ -76,13 +76,13 @@ class Protocol(RuleBasedStateMachine):
 
     @rule(pair=st.integers(0, 5), x_px=st.sampled_from([0.0, 1.0, -7.5, 25.0, -1e9]), y_px=st.sampled_from([0.0, -3.0, 40.0]))
     def see_the_field(self, pair: int, x_px: float, y_px: float) -> None:
-        self._tell(FieldOfViewMeasured(self.run.now_ns, pair, (x_px, y_px)))
+        self._send(FieldOfViewMeasured(self.run.now_ns, pair, (x_px, y_px)))
 
     @rule()
     def unreadable(self) -> None:
         number = len(self.run.exported)
         self.run.exported.append(number)
-        self._tell(FrameUnreadable(self.run.now_ns, number, "cut off"))
+        self._send(FrameUnreadable(self.run.now_ns, number, "cut off"))
 
     @rule(by_n=st.sampled_from([0.0, -20.0, -6.0, -2.0, 2.0, 6.0, 300.0]), by_um=st.sampled_from([0.0, 0.0, 0.0, -5.0, 1.0]))
     def disturb(self, by_n: float, by_um: float) -> None:
@@ -110,7 +110,7 @@ class Protocol(RuleBasedStateMachine):
             "back": LinkRestored(t, device),
             "taken": CommandAcknowledged(t, device),
         }
-        self._tell(events[what])
+        self._send(events[what])
 
     @rule(
         verb=st.sampled_from(
@@ -127,11 +127,11 @@ class Protocol(RuleBasedStateMachine):
     )
     def operator(self, verb: OperatorCommand) -> None:
         if verb not in (OperatorCommand.STOP, OperatorCommand.ABORT) or len(self.run.exported) > 10:
-            self._tell(OperatorAction(self.run.now_ns, verb))
+            self._send(OperatorAction(self.run.now_ns, verb))
 
     @invariant()
     def promises(self) -> None:
-        """Every frame is judged once, nothing moves at rest, an end is told once."""
+        """Every frame is judged once, nothing moves while stationary, an end is reported once."""
         run = self.run
         if not run.finished:
             first = [] if run.state.imaging.first is None else [run.state.imaging.first.export]
@@ -154,11 +154,11 @@ class WaitingProtocol(Protocol):
     def foresee_the_drift(self, behind: int, rate: float, sigma: float) -> None:
         run = self.run
         scans = tuple((run.now_ns + n * 20 * S, rate * 0.8**n, sigma * (1 + n)) for n in (0, 1, 2, 4, 8))
-        self._tell(DriftForecastUpdated(run.now_ns, len(run.pairs) - 1 - behind, scans))
+        self._send(DriftForecastUpdated(run.now_ns, len(run.pairs) - 1 - behind, scans))
 
     @rule(ago_s=st.sampled_from([1, 10, 40, 200]), rate=st.sampled_from([0.0, 0.015, 1.0]))
     def see_the_drift(self, ago_s: int, rate: float) -> None:
-        self._tell(HoldDriftMeasured(self.run.now_ns, self.run.now_ns - ago_s * S, rate))
+        self._send(HoldDriftMeasured(self.run.now_ns, self.run.now_ns - ago_s * S, rate))
 
 
 TestProtocol = Protocol.TestCase

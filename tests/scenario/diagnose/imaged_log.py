@@ -40,7 +40,7 @@ CONFIG = {
 
 
 class _Now:
-    """A clock that stands."""
+    """A clock that does not advance."""
 
     def now_ns(self) -> int:
         return BEGIN_NS

@@ -1,4 +1,4 @@
-"""What is hidden misleads choices that the estimate makes before it has a name: they are made again beside it."""
+"""A hidden effect biases early choices of the estimate: they are made again with that effect in the model."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_a_large_tilt_does_not_make_the_drift_carry_the_distortion(tilted: Obser
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"tilt_with_load"})
 
 
-def test_where_nothing_is_hidden_the_choice_stands() -> None:
+def test_without_a_hidden_effect_the_choice_is_unchanged() -> None:
     observed = Case(ONE, ("tilt_with_load",), 0.01, 80_001).observed(FEW, QUICK)
 
     assert choose_coupling(observed, few("tilt_with_load")).observation is observed
@@ -66,14 +66,14 @@ def test_a_distortion_that_drifts_is_made_of_what_it_is_without_the_drift() -> N
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, {"distortion_scale_drift"})
 
 
-def test_a_jump_next_to_a_distortion_that_drifts_leaves_no_third_name() -> None:
+def test_a_jump_next_to_a_drifting_distortion_gives_no_third_effect() -> None:
     both = ("drift_jump", "distortion_scale_drift")
     found = diagnose(Case(TWO, both, 8.0, 83_028).observed(FEW, QUICK), dictionary=few(*both, "charging_frame_ramp"), draws=DRAWS)
 
     assert (found.outcome, names_of(found)) == (Outcome.IDENTIFIED, set(both))
 
 
-def test_amplitudes_of_known_effects_come_first_and_those_of_named_ones_last() -> None:
+def test_amplitudes_of_model_effects_come_first_and_those_of_new_effects_last() -> None:
     columns = cast(Any, SimpleNamespace(sizes_px=np.zeros(2 + 440 + 4)))
     fields = [np.zeros((1, 1, 2, q)) for q in (2, 1, 3)]
 

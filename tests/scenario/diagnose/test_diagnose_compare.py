@@ -36,7 +36,7 @@ def tilted() -> Observation:
     return observed(SIMULATED, TILT, GRID, QUICK)
 
 
-def test_with_the_effect_that_was_found_the_maps_are_alike(without: Observation, tilted: Observation) -> None:
+def test_maps_corrected_for_the_found_effect_agree(without: Observation, tilted: Observation) -> None:
     measured = observed(MEASURED, TILT, GRID, QUICK)
     found = compare_with_simulations(measured, without, tilted)
     assert found.maps.closure == pytest.approx(1.0, abs=0.15)
@@ -48,7 +48,7 @@ def test_with_the_effect_that_was_found_the_maps_are_alike(without: Observation,
     assert not other.maps.is_reduced
 
 
-def test_what_is_anew_in_every_frame_is_compared_by_its_size(without: Observation) -> None:
+def test_an_effect_drawn_for_every_frame_is_compared_by_its_size(without: Observation) -> None:
     measured, with_effects = (
         observed(conditions, hidden_effect("magnification_frame_instability", 0.1, seed), GRID, QUICK)
         for seed, conditions in ((1, MEASURED), (2, SIMULATED))

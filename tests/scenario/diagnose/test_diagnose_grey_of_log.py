@@ -59,7 +59,7 @@ def grey_of(folder: Path, *effects: Effect) -> IntensityDiagnosis:
     return diagnose_intensity(observed.grey)
 
 
-def told(found: IntensityDiagnosis, name: str) -> dict[str, tuple[float, float]]:
+def values_and_sigmas(found: IntensityDiagnosis, name: str) -> dict[str, tuple[float, float]]:
     (effect,) = [item for item in found.effects if item.name == name]
     return {item.name: (item.value, item.sigma) for item in effect.parameters}
 
@@ -79,29 +79,29 @@ def test_nothing_is_named_where_nothing_is_and_noise_is_reported(tmp_path: Path)
     assert slope.sigma < 0.05
 
 
-def test_contamination_is_a_loss_of_mean_and_contrast_alike(tmp_path: Path) -> None:
+def test_contamination_reduces_mean_and_contrast_equally(tmp_path: Path) -> None:
     found = grey_of(tmp_path, Contamination(2e-5, 1000.0, 860.0))
 
     assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["contamination"])
-    loss = told(found, "contamination")["loss_per_s"]
+    loss = values_and_sigmas(found, "contamination")["loss_per_s"]
     assert close(loss, 2e-5)
     assert loss[1] < 2e-6
 
 
-def test_defocus_widens_the_probe_and_leaves_the_mean(tmp_path: Path) -> None:
+def test_defocus_widens_the_probe_and_preserves_the_mean(tmp_path: Path) -> None:
     found = grey_of(tmp_path, Defocus(5e-4, 0.0))
 
     assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["defocus"])
-    rate = told(found, "defocus")["blur_px_per_s"]
+    rate = values_and_sigmas(found, "defocus")["blur_px_per_s"]
     assert close(rate, 5e-4)
     assert rate[1] < 5e-5
 
 
-def test_another_grey_curve_is_told_with_its_instant(tmp_path: Path) -> None:
+def test_another_grey_curve_is_reported_with_its_instant(tmp_path: Path) -> None:
     found = grey_of(tmp_path, GammaChange(1.05, 0.9, -8.0, 600.0))
 
     assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["gamma_change"])
-    parameters = told(found, "gamma_change")
+    parameters = values_and_sigmas(found, "gamma_change")
     assert all(close(parameters[name], truth) for name, truth in (("gain", 1.05), ("gamma", 0.9), ("offset_levels", -8.0)))
     assert parameters["gamma"][1] < 0.03
     at_s, half_s = parameters["at_s"]

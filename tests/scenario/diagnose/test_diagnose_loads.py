@@ -1,4 +1,4 @@
-"""What the load cell does by itself, and what a strain gage says, beside the strain that the estimate of a whole experiment gives."""
+"""Effects of the load cell, and readings of a strain gage, compared with the strain from the estimate of a complete experiment."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NOTHING = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01)
 
 
 @pytest.fixture(scope="module")
-def seen() -> Observation:
+def observation() -> Observation:
     return observed(CONDITIONS, (), GRID, QUICK)
 
 
@@ -45,8 +45,8 @@ def steps(effect: LoadCellDrift | LoadCellZero | None) -> list[StepConditions]:
     return found
 
 
-def test_a_cell_that_reads_what_there_is_has_no_effect(seen: Observation) -> None:
-    read = load_readings(seen, steps(None), "y")
+def test_a_cell_that_reads_what_there_is_has_no_effect(observation: Observation) -> None:
+    read = load_readings(observation, steps(None), "y")
     found = add_load_cell_evidence(NOTHING, read)
     assert found.outcome is Outcome.NONE
     loaded = read.loaded
@@ -55,14 +55,14 @@ def test_a_cell_that_reads_what_there_is_has_no_effect(seen: Observation) -> Non
     assert 1e-6 < np.sqrt(np.diag(read.strain_covariance)[loaded]).max() < 3e-5
 
 
-def test_what_it_does_by_itself_has_a_name(seen: Observation) -> None:
-    drifting = add_load_cell_evidence(NOTHING, load_readings(seen, steps(LoadCellDrift(0.002)), "y"))
+def test_an_effect_of_the_load_cell_itself_is_identified(observation: Observation) -> None:
+    drifting = add_load_cell_evidence(NOTHING, load_readings(observation, steps(LoadCellDrift(0.002)), "y"))
     assert drifting.outcome is Outcome.IDENTIFIED
     (item,) = drifting.effects[0].parameters
     assert item.value == pytest.approx(0.002, abs=3.0 * item.sigma)
     assert item.sigma < 2e-4
 
-    zero = add_load_cell_evidence(NOTHING, load_readings(seen, steps(LoadCellZero(-20.0)), "y"))
+    zero = add_load_cell_evidence(NOTHING, load_readings(observation, steps(LoadCellZero(-20.0)), "y"))
     assert zero.outcome is Outcome.AMBIGUOUS
     assert zero.ambiguous == ("load_cell_zero", "preload")
     (item,) = zero.effects[0].parameters
@@ -76,8 +76,8 @@ def gaged() -> list[StepConditions]:
     return [replace(item, gage=MeasuredValue(by, 1e-7)) for item, by in zip(steps(None), strain, strict=True)]
 
 
-def test_a_lift_that_is_strain_to_the_maps_is_told_by_a_gage(seen: Observation) -> None:
-    at_rest = add_gage_evidence(NOTHING, gage_readings(load_readings(seen, gaged(), "y"), gaged(), 0.005))
+def test_a_lift_that_looks_like_strain_in_the_maps_is_found_by_a_gage(observation: Observation) -> None:
+    at_rest = add_gage_evidence(NOTHING, gage_readings(load_readings(observation, gaged(), "y"), gaged(), 0.005))
     assert at_rest.outcome is Outcome.NONE
     assert at_rest.where[-1].p_value > 0.01
 

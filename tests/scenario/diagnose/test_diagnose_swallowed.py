@@ -1,4 +1,4 @@
-"""What is no drift: one drift for all positions does not fit it, one at every position swallows it, and it has a name."""
+"""What is no drift: one drift for all positions does not fit it, one at every position absorbs it, and it has a name."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from bench_swallowed import experiment, swallowed
+from bench_swallowed import absorbed, experiment
 from blind.experiment import Conditions
 
 from semlive.data.diagnosis.effects import Outcome
@@ -20,9 +20,9 @@ GRID = Grid(101, 101, 25, 30, 24, 43)
 FEW = tuple(one for one in EFFECT_CLASSES if one.name in ("magnification_drift", "aspect_drift"))
 
 
-def test_a_local_drift_swallows_what_diagnosis_names() -> None:
+def test_an_effect_absorbed_by_a_local_drift_is_identified() -> None:
     observed = experiment("magnification_drift", 0.4, CONDITIONS, GRID)
-    misfit = swallowed(observed)
+    misfit = absorbed(observed)
     found = diagnose(observed, dictionary=FEW, draws=99)
 
     assert misfit.global_misfit > 1.3

@@ -1,4 +1,4 @@
-"""What is not in the dictionary is UNKNOWN, though some name of it bends to what is hidden, and leaves nothing behind."""
+"""A hidden effect that is not in the dictionary gives UNKNOWN, though a listed effect can take its shape without a residual."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from blind.cases import ONE, STRANGER, TWO, Case
+from blind.cases import ONE, TWO, UNLISTED, Case
 from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import QUICK, observed
@@ -52,17 +52,17 @@ def test_a_wrong_point_by_itself_is_nothing_without_a_name() -> None:
     assert loudest < SIGNIFICANT_LOG_FACTOR
 
 
-def test_whatever_moves_neighbours_alike_keeps_its_blocks() -> None:
-    bump = Case(STRANGER, ("quadratic_bump",), 0.5, 4003)
+def test_an_effect_that_moves_neighbours_equally_keeps_its_blocks() -> None:
+    bump = Case(UNLISTED, ("quadratic_bump",), 0.5, 4003)
     clean = replace(bump.conditions(), outliers=0.0)
     plain, bumped = (observed(clean, effects, SPARSE, QUICK) for effects in ((), bump.effects()))
 
     assert len(bumped.valid_blocks) == len(plain.valid_blocks)
 
 
-def course_of(seen: Observation, name: str) -> float:
+def course_of(observation: Observation, name: str) -> float:
     """Of what is named whatever else would do."""
-    plain = noise_scaled_baseline(seen)
+    plain = noise_scaled_baseline(observation)
     (received,) = score_candidates(plain, (effect_class(name),))
     named = refined(plain, received)
     return alternative_time_course_odds(build_grid(plain.design.with_effects(named.baseline_effect)), plain.design, [named])
@@ -85,8 +85,8 @@ def test_a_charge_that_approaches_its_end_is_one_effect() -> None:
     (hidden,) = case.effects()
     assert isinstance(hidden, ChargingLocalLens)
     names = ("charging_local_lens", "magnification_drift", "refocus_magnification_step", "magnification_frame_instability")
-    seen = observed(case.conditions(), case.effects(), GRID, QUICK)
-    found = diagnose(seen, dictionary=[effect_class(name) for name in names], draws=DRAWS)
+    observation = observed(case.conditions(), case.effects(), GRID, QUICK)
+    found = diagnose(observation, dictionary=[effect_class(name) for name in names], draws=DRAWS)
     (reported,) = found.effects
     peak = next(item for item in reported.parameters if item.name == "peak_px")
 
@@ -99,7 +99,7 @@ def test_a_slow_drift_is_no_jump_at_every_step(drifting: Observation) -> None:
     assert course_of(drifting, "refocus_magnification_step") > 7.0
 
 
-def test_a_jump_within_a_pair_moves_whole_frames_and_that_is_no_course() -> None:
+def test_a_jump_within_a_pair_moves_complete_frames_and_is_no_time_course() -> None:
     assert course_of(hiding("jump_within_pair"), "jump_within_pair") < 3.0
 
 
@@ -112,18 +112,18 @@ def test_without_its_name_an_effect_is_unknown(drifting: Observation) -> None:
 
 
 def test_a_bump_that_grows_with_the_square_of_time_is_no_uneven_strain() -> None:
-    case = Case(STRANGER, ("quadratic_bump",), 0.1, 4003)
+    case = Case(UNLISTED, ("quadratic_bump",), 0.1, 4003)
     few = [effect_class(name) for name in ("inhomogeneous_strain", "magnification_drift", "tilt_with_load")]
     found = diagnose(observed(case.conditions(), case.effects(), GRID, QUICK), dictionary=few, draws=DRAWS)
 
     assert found.outcome is Outcome.UNKNOWN
 
 
-def test_a_distortion_that_drifts_is_told_with_the_affine_part_that_nobody_knows() -> None:
-    seen = hiding("distortion_scale_drift", 12.0)
+def test_a_drifting_distortion_is_reported_with_its_undetermined_affine_part() -> None:
+    observation = hiding("distortion_scale_drift", 12.0)
     family = effect_class("distortion_scale_drift")
-    found = diagnose(seen, dictionary=[family, effect_class("magnification_drift")], draws=DRAWS)
-    (as_estimated,) = score_candidates(noise_scaled_baseline(seen), (replace(family, nonlinear_parameters=()),))
+    found = diagnose(observation, dictionary=[family, effect_class("magnification_drift")], draws=DRAWS)
+    (as_estimated,) = score_candidates(noise_scaled_baseline(observation), (replace(family, nonlinear_parameters=()),))
 
     assert found.outcome is Outcome.IDENTIFIED
     assert [item.name for item in found.effects] == ["distortion_scale_drift"]
@@ -138,4 +138,4 @@ def test_an_effect_that_did_for_two_goes_when_both_are_named() -> None:
 
     assert found.outcome is Outcome.IDENTIFIED
     assert sorted(item.name for item in found.effects) == sorted(two)
-    assert min(item.log_bayes_factor for item in found.effects) > 100.0  # beside the other, not beside what did for both
+    assert min(item.log_bayes_factor for item in found.effects) > 100.0  # with the other effect, not with the one that replaced both

@@ -101,7 +101,7 @@ def test_noise_floor_is_the_noise(full: Outcome) -> None:
 
 
 def test_without_noise_nothing_but_the_spline_is_left(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
-    """Distortion with 100 px knots leaves 8e-4 px of waves of 650 px; the mean strain hardly sees it."""
+    """Distortion with 100 px knots has a residual of 8e-4 px in waves of 650 px; it hardly changes the mean strain."""
     exact = run(world(1, noise_px=0.0), plans["full"])
     assert np.abs(exact.distortion_error_px).max() <= 0.003
     assert np.abs(exact.drift_error_px).max() <= 3e-4
@@ -110,7 +110,7 @@ def test_without_noise_nothing_but_the_spline_is_left(world: Callable[..., Any],
 
 
 def test_short_run_and_coverage(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
-    """Over seeds of the short plan: bars hold in each, and errors are as large as the stated sigmas say (more in the coverage tests)."""
+    """Over seeds of the short plan: bars hold in each, and errors are as large as the stated sigmas (more in the coverage tests)."""
     many = [run(world(seed), plans["short"]) for seed in range(100, 106)]
     youngs = [item.elastic.youngs_modulus_gpa for item in many]
     assert max(abs(item.elastic.poissons_ratio.value - POISSON) for item in many) <= 0.02

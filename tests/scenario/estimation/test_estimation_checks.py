@@ -1,4 +1,4 @@
-"""How does one know that it worked: halves of the data agree unless something is wrong; what was not calibrated is said and flagged."""
+"""Consistency checks: halves of the data agree unless something is wrong; areas without calibration are reported and flagged."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_halves_of_a_sound_run_agree(world: Callable[..., Any], plans: dict[str,
     assert max(check.sigmas for check in found) <= WARN_SIGMAS
 
 
-def test_a_part_of_the_field_that_slides_is_seen(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+def test_a_sliding_part_of_the_field_is_detected(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """The left half creeps by 0.2 px from the top to the bottom of every second frame."""
 
     def slide(dmap: DisparityMap) -> DisparityMap:
@@ -54,7 +54,7 @@ def test_a_part_of_the_field_that_slides_is_seen(world: Callable[..., Any], plan
     assert field.note().message.startswith("WARNING: drifts from the left and right half")
 
 
-def test_a_distortion_that_changes_is_seen(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+def test_a_changing_distortion_is_detected(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """Every second pair is shifted with another distortion, a wave of 0.15 px more, as when beam and stage take turns."""
 
     def wave(at: np.ndarray) -> np.ndarray:
@@ -82,7 +82,7 @@ def line(step: Any, shifts: list[tuple[float, float]]) -> list[Any]:
         ([(0.0, 0.0), (2.0, 0.0), (-2.0, 0.0), (0.0, 2.0), (0.0, -2.0)], "larger translations"),
     ],
 )
-def test_a_poor_calibration_is_told_with_its_figures(
+def test_a_poor_calibration_is_reported_with_its_figures(
     world: Callable[..., Any], plans: dict[str, list[Any]], shifts: list[tuple[float, float]], advice: str
 ) -> None:
     solution, _ = solved(world(220, step_px=30), line(type(plans["short"][0]), shifts))

@@ -1,4 +1,4 @@
-"""Stated intervals hold what they say, in short: four experiments; docs/validation/estimation.md has the table over many more."""
+"""Coverage of stated intervals, short form: four experiments; docs/validation/estimation.md has the table over many more."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ def test_elastic_constants_err_by_what_is_stated(experiments: list[Normalised], 
 
 def test_a_coverage_counts_what_is_inside() -> None:
     rng = np.random.default_rng(1)
-    (honest,) = coverages([{"a": rng.normal(size=(40, 2))} for _ in range(200)])
-    assert honest.inside == pytest.approx((0.6827, 0.95), abs=0.02)
-    assert honest.rms == pytest.approx(1.0, abs=0.03)
+    (correct,) = coverages([{"a": rng.normal(size=(40, 2))} for _ in range(200)])
+    assert correct.inside == pytest.approx((0.6827, 0.95), abs=0.02)
+    assert correct.rms == pytest.approx(1.0, abs=0.03)
     (narrow,) = coverages([{"a": 2.0 * rng.normal(size=(40, 2)) + 0.5} for _ in range(200)])
     assert narrow.inside[0] < 0.45
     assert abs(narrow.bias - 0.5) < 5.0 * narrow.bias_error

@@ -46,7 +46,7 @@ def test_the_forecast_of_a_settling_drift_holds(world: Callable[..., Any], plans
 
 
 def test_the_forecast_of_a_random_drift_holds(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
-    """The rate walks at random: what is to come cannot be known, and the intervals say so."""
+    """The rate is a random walk: the future is uncertain, and the intervals reflect that."""
     z = []
     for seed in range(310, 316):
         item, at_s = world(seed, step_px=60), np.arange(0.0, 6000.0, 10.0)

@@ -56,8 +56,8 @@ def failing(dmap: DisparityMap, bad: np.ndarray, status: PoiStatus) -> Disparity
     return replace(dmap, u_px=u, v_px=v, status=np.where(bad, status, dmap.status).astype(np.uint8))
 
 
-def honest(found: Outcome) -> None:
-    """The bars of a whole run, and errors as large as they are said to be."""
+def check_errors(found: Outcome) -> None:
+    """The bars of a complete run, and errors as large as stated."""
     assert found.drift_error_px.max() <= 0.02
     assert 0.3 < np.sqrt(np.mean(np.clip(found.strain_z, -4, 4) ** 2)) < 1.6
 
@@ -68,7 +68,7 @@ def taken(world: Callable[..., Any], plans: dict[str, list[Any]]) -> tuple[Any, 
     return item, list(item.pairs(plans["short"]))
 
 
-def test_points_that_fail_here_and_there_and_a_corner_that_is_never_seen(taken: tuple[Any, list[Any]]) -> None:
+def test_scattered_failed_points_and_an_invisible_corner(taken: tuple[Any, list[Any]]) -> None:
     """A fifth of all subsets fails in each map, others in each; a corner is masked; one map has lost its lower half."""
     world, pairs = taken
     rng, corner = np.random.default_rng(3), np.zeros(world.grid.shape, dtype=bool)
@@ -82,7 +82,7 @@ def test_points_that_fail_here_and_there_and_a_corner_that_is_never_seen(taken: 
         maps = (*maps[:-1], failing(maps[-1], below, PoiStatus.OUTSIDE_IMAGE)) if item.pair == 3 else maps
         broken.append(replace(item, maps=maps))
     found = run(world, broken)
-    honest(found)
+    check_errors(found)
     assert np.abs(found.strain_error).max() <= 8e-5
 
 
@@ -91,7 +91,7 @@ def test_maps_that_are_missing_altogether(taken: tuple[Any, list[Any]]) -> None:
     world, pairs = taken
     left = {2: (1, 2), 4: (0, 1), 6: (0, 2)}
     found = run(world, [replace(item, maps=tuple(item.maps[at] for at in left.get(item.pair, range(len(item.maps))))) for item in pairs])
-    honest(found)
+    check_errors(found)
     assert np.abs(found.strain_error).max() <= 6e-5
 
 
@@ -101,7 +101,7 @@ def test_pairs_at_odd_times_with_a_long_break_between_calibration_and_load(world
     gaps_s = rng.uniform(240.0, 1200.0, len(plans["short"]))
     gaps_s[0], gaps_s[5] = 0.0, BREAK_S
     found = run(item, list(item.pairs(plans["short"], list(np.cumsum(gaps_s)))))
-    honest(found)
+    check_errors(found)
     assert np.abs(found.strain_error).max() <= 6e-5
 
 
@@ -111,5 +111,5 @@ def test_calibration_again_between_and_after_load_steps(world: Callable[..., Any
     translation = [replace(plans["full"][13], phase=Phase.TRANSLATION)]
     item = world(9)
     found = run(item, list(item.pairs([*calibration[:3], *load[:3], *translation, *calibration[3:], load[3]])))
-    honest(found)
+    check_errors(found)
     assert np.abs(found.strain_error).max() <= 6e-5

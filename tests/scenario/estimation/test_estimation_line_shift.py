@@ -18,7 +18,7 @@ SHIFT_PX, ROWS = 0.06, 90.0  # standard deviation of a frame's shift along x, an
 
 
 def jittering(world: Any, sd_px: float) -> Any:
-    """The world with a shift along x that goes on from row to row as a sum of waves, with phases of its own in every frame."""
+    """The world with a shift along x that continues from row to row as a sum of waves, with phases of its own in every frame."""
     kind = type(world)
 
     class Jittering(kind):  # type: ignore[misc, valid-type]
@@ -54,18 +54,18 @@ def test_shifts_of_rows_are_found_and_corrected(world: Callable[..., Any], plans
     assert any("rows" in note.text for note in estimating.to_estimate(solution, 0).notes)
 
 
-def test_a_run_goes_on_with_shifts_of_rows(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+def test_a_run_with_row_shifts_continues(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
     """What comes later has shifts of its own, found from the pair itself, between choices too."""
     one, steps = jittering(world(61), SHIFT_PX), [plans["full"][at] for at in (0, 2, 8, 4, 10)]
     state, taken = estimating.init(EstimateSettings(), one.grid, WIDTH_PX, HEIGHT_PX), list(one.pairs(steps))
-    known: Solution | None = None
+    previous: Solution | None = None
     for pair in taken:
         state = estimating.update(state, pair.pair, pair.step.phase, pair.times, pair.maps)
-        known = estimating.solve_live(state, known) if pair.pair >= 3 else None
-    assert known is not None
-    assert known.hyper.row_shift_px > 0
-    assert known.state.row_shifts.frames == tuple(range(10))
-    assert taken[-1].worst_px(partial(estimating.correction, known)) < 0.025
+        previous = estimating.solve_live(state, previous) if pair.pair >= 3 else None
+    assert previous is not None
+    assert previous.hyper.row_shift_px > 0
+    assert previous.state.row_shifts.frames == tuple(range(10))
+    assert taken[-1].worst_px(partial(estimating.correction, previous)) < 0.025
 
 
 def test_where_rows_keep_still_none_is_shifted(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:

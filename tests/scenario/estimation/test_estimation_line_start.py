@@ -1,4 +1,4 @@
-"""Distortion where rows begin: the beam has not come to rest there, and points are seen from the first column on that a subset leaves."""
+"""Distortion at the row start: the beam has not settled there, and points are visible from the first column that a subset allows."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def settling(world: Any, effect: FlybackSettling) -> Any:
     return Settling(world.seed, GRID, world.noise_px)
 
 
-def errors_px(one: Any, steps: list[Any], begun: EstimatorState) -> tuple[float, float]:
+def errors_px(one: Any, steps: list[Any], initial: EstimatorState) -> tuple[float, float]:
     """Largest error of the distortion along x, its best affine map removed, at the line start and elsewhere."""
-    state = begun
+    state = initial
     for taken in one.pairs(steps):
         state = estimating.update(state, taken.pair, taken.step.phase, taken.times, taken.maps)
     found = estimating.to_estimate(estimating.solve(state), 0).distortion
@@ -55,20 +55,20 @@ def errors_px(one: Any, steps: list[Any], begun: EstimatorState) -> tuple[float,
 
 
 def test_fly_back_is_followed_at_the_line_start(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
-    """3 px that fall off within 10 columns: knots as everywhere leave 2.6 times as much there, and twice as much elsewhere."""
+    """3 px that fall off within 10 columns: knots at the usual spacing have 2.6 times that residual there, and twice as much elsewhere."""
     effect, steps = FlybackSettling(3.0, 1e-3), [plans["full"][at] for at in (0, 1, 2, 3, 5, 7, 8, 9, 11)]
     fine = estimating.init(EstimateSettings(), GRID, WIDTH_PX, HEIGHT_PX)
     even = replace(fine, distortion=DistortionSpline.covering(WIDTH_PX, HEIGHT_PX, 100.0))
     nothing = np.zeros((2, fine.blocks.size, even.layout.size))
     n = even.layout.size
     even = replace(even, precision=np.zeros((n, n)), information=np.zeros(n), reference=replace(even.reference, coupling=nothing))
-    fine_px, even_px = (errors_px(settling(world(40, noise_px=0.005), effect), steps, begun) for begun in (fine, even))
+    fine_px, even_px = (errors_px(settling(world(40, noise_px=0.005), effect), steps, initial) for initial in (fine, even))
     assert max(fine_px) < 0.03
     assert even_px[0] > 2 * fine_px[0]
     assert even_px[1] > 1.5 * fine_px[1]
 
 
-def test_knots_are_closer_only_where_points_are_seen() -> None:
+def test_knots_are_closer_only_where_points_are_measured() -> None:
     sizes = [DistortionSpline.covering(WIDTH_PX, HEIGHT_PX, 100.0, first_px).along_x.size for first_px in (0.0, 22.0, 45.0, 101.0)]
     assert np.diff([DistortionSpline.covering(WIDTH_PX, HEIGHT_PX, 100.0).along_x.size, *sizes[::-1]]).tolist() == [0, 1, 1, 1]
 

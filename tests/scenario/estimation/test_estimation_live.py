@@ -1,4 +1,4 @@
-"""A run followed pair by pair: what is said at once is that of all pairs, and what was said before is revised where it moved."""
+"""A run followed pair by pair: the immediate report uses all pairs, and earlier reports are revised where they moved."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def settings(method: str = "joint") -> AnalysisSettings:
 
 
 def info(when: FrameTime) -> FrameInfo:
-    known = Provenance.CONFIG
-    start = Sourced(10**18 + round(when.start_s * 1e9), known)
-    return FrameInfo(when.frame, f"{when.frame}.tif", "plain", 1024, 884, 0, when.timing, start, 0.01, Sourced(1e-6, known))
+    source = Provenance.CONFIG
+    start = Sourced(10**18 + round(when.start_s * 1e9), source)
+    return FrameInfo(when.frame, f"{when.frame}.tif", "plain", 1024, 884, 0, when.timing, start, 0.01, Sourced(1e-6, source))
 
 
 def decision(taken: Any) -> PairDecision:
@@ -50,8 +50,8 @@ def followed(taken: list[Any], method: str = "joint") -> tuple[pipeline.Analysis
         named = decision(item)
         started = started or pipeline.start_from_maps(settings(method), named.first, item.maps[0].grid)
         started, result = pipeline.add_pair(started, named, item.maps)
-        started, anew = pipeline.review_hyperparameters(started)
-        printed += [result, anew] if anew else [result]
+        started, reviewed = pipeline.review_hyperparameters(started)
+        printed += [result, reviewed] if reviewed else [result]
     assert started is not None
     return started, printed
 
@@ -77,7 +77,7 @@ def test_frames_that_moved_by_more_than_their_sigma_are_revised(early_load: list
             revisions += 1
         reported |= {item.summary.frame: item.summary for item in (*result.frames, *result.revised_frames)}
     assert revisions
-    # The others stand where they are known to: nothing that was said last is further from the end than it says.
+    # The other frames keep their reported values: the last report of each is no further from the end than its stated uncertainty.
     last = pipeline.finalise(started)
     for item in last.frames:
         before = reported[item.summary.frame]
@@ -103,31 +103,33 @@ def test_the_published_procedure_is_followed_too(early_load: list[Any]) -> None:
     assert [item.summary for item in printed[-2].frames] == [item.summary for item in pipeline.finalise(started).frames[-2:]]
 
 
-def test_a_long_run_reports_at_once_what_all_its_pairs_say_of_the_newest(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
+def test_a_long_run_reports_at_once_the_estimate_of_all_pairs_for_the_newest(
+    world: Callable[..., Any], plans: dict[str, list[Any]]
+) -> None:
     """35 pairs: between choices only the newest are smoothed, and they are what they would be had all been."""
     cross = plans["short"][:5]
     plan = [*cross, *(replace(cross[1 + n % 4], phase=Phase.CALIBRATION) for n in range(30))]
     taken = list(world(231, step_px=60).pairs(plan))
     state = estimating.init(settings().estimate, taken[0].maps[0].grid, 1024, 884)
-    before = known = None
+    before = reviewed_solution = None
     for item in taken:
         state = estimating.update(state, item.pair, item.step.phase, item.times, item.maps)
-        before, due = known, known is None or (selection_due(len(state.phases)) and len(state.phases) > 30)
-        known = estimating.solve_live(state, known) if due or len(state.phases) > 32 else known
+        before, due = reviewed_solution, reviewed_solution is None or (selection_due(len(state.phases)) and len(state.phases) > 30)
+        reviewed_solution = estimating.solve_live(state, reviewed_solution) if due or len(state.phases) > 32 else reviewed_solution
     assert before is not None
-    assert known is not None
+    assert reviewed_solution is not None
     whole = estimating.solve_incremental(state, before)
-    lately, all_of_it = estimating.to_estimate(known, 35, newest_only=True), estimating.to_estimate(whole, 35)
-    assert [item.pair for item in lately.motions] == list(range(35 - LIVE_WINDOW_PAIRS, 35))
-    newest = len(lately.drift.time_s)
-    np.testing.assert_allclose(lately.drift.drift_px, all_of_it.drift.drift_px[-newest:], atol=1e-9)
-    np.testing.assert_allclose(lately.drift.sigma_px, all_of_it.drift.sigma_px[-newest:], rtol=1e-9)
-    np.testing.assert_array_equal(lately.distortion.ex_px, all_of_it.distortion.ex_px)
+    newest_only_estimate, all_of_it = estimating.to_estimate(reviewed_solution, 35, newest_only=True), estimating.to_estimate(whole, 35)
+    assert [item.pair for item in newest_only_estimate.motions] == list(range(35 - LIVE_WINDOW_PAIRS, 35))
+    newest = len(newest_only_estimate.drift.time_s)
+    np.testing.assert_allclose(newest_only_estimate.drift.drift_px, all_of_it.drift.drift_px[-newest:], atol=1e-9)
+    np.testing.assert_allclose(newest_only_estimate.drift.sigma_px, all_of_it.drift.sigma_px[-newest:], rtol=1e-9)
+    np.testing.assert_array_equal(newest_only_estimate.distortion.ex_px, all_of_it.distortion.ex_px)
     dmap = taken[-1].maps[-1]
-    of_known, of_whole = estimating.correction(known, dmap), estimating.correction(whole, dmap)
-    np.testing.assert_allclose(of_known.u_px, of_whole.u_px, atol=1e-9)
+    of_live, of_whole = estimating.correction(reviewed_solution, dmap), estimating.correction(whole, dmap)
+    np.testing.assert_allclose(of_live.u_px, of_whole.u_px, atol=1e-9)
     reported = estimating.correction_strain(before, taken[-2].maps[-1])
-    assert estimating.correction_strain(whole, dmap).sigma == pytest.approx(estimating.correction_strain(known, dmap).sigma)
+    assert estimating.correction_strain(whole, dmap).sigma == pytest.approx(estimating.correction_strain(reviewed_solution, dmap).sigma)
     moved = estimating.strain_change(whole, reported)
     now = estimating.correction_strain(whole, taken[-2].maps[-1])
     np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], reported.value - now.value, atol=1e-12)

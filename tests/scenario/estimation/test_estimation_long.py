@@ -46,7 +46,7 @@ def spoilt(solution: estimating.Solution, spoil: Spoil) -> estimating.Solution:
 
 
 def test_halves_of_a_sound_long_run_agree(long_run: estimating.Solution) -> None:
-    """The distortion's expected difference is a little too large: half of what drift leaves open is counted twice."""
+    """The distortion's expected difference is a little too large: half of the uncertainty of the drift is counted twice."""
     field, pairs = consistency(long_run)
     assert (field.name, pairs.name) == (FIELD, PAIRS)
     assert abs(field.sigmas) < 3.5
@@ -56,7 +56,7 @@ def test_halves_of_a_sound_long_run_agree(long_run: estimating.Solution) -> None
     assert len(estimating.consistency_notes(long_run)) == 2
 
 
-def test_a_part_of_the_field_that_begins_to_slide_is_seen(long_run: estimating.Solution) -> None:
+def test_the_onset_of_a_sliding_part_of_the_field_is_detected(long_run: estimating.Solution) -> None:
     def slide(rows: MapObservations, at: np.ndarray) -> np.ndarray:
         creep = np.where((at[:, 0] < 470) & (rows.current % 2 == 1), 0.2 * (at[:, 1] - 101) / 600, 0.0)
         return np.stack((np.zeros_like(creep), creep), axis=1)
@@ -66,7 +66,7 @@ def test_a_part_of_the_field_that_begins_to_slide_is_seen(long_run: estimating.S
     assert field.sigmas > WARN_SIGMAS
 
 
-def test_a_distortion_that_begins_to_change_is_seen(long_run: estimating.Solution) -> None:
+def test_the_onset_of_a_changing_distortion_is_detected(long_run: estimating.Solution) -> None:
     def wave(at: np.ndarray) -> np.ndarray:
         return 0.15 * np.cos(2 * np.pi * at / 300)
 
@@ -83,8 +83,8 @@ def test_a_distortion_that_begins_to_change_is_seen(long_run: estimating.Solutio
 
 def test_noise_that_grows_is_noticed(long_run: estimating.Solution) -> None:
     noise_px = long_run.shared_posterior.step[long_run.shared_posterior.chain.border.part(NOISE)]
-    alike = residual_noise_ratio(long_run.state, long_run.mean, noise_px, DENSE_PAIRS)
-    assert alike == pytest.approx(1.0, abs=0.02)
+    noise_ratio = residual_noise_ratio(long_run.state, long_run.mean, noise_px, DENSE_PAIRS)
+    assert noise_ratio == pytest.approx(1.0, abs=0.02)
     rng = np.random.default_rng(3)
 
     def louder(rows: MapObservations, at: np.ndarray) -> np.ndarray:

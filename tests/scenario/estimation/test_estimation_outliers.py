@@ -1,4 +1,4 @@
-"""Points that were correlated wrongly and look converged: alone, or a whole subset's worth side by side."""
+"""Points that were correlated wrongly and look converged: alone, or as many as in a complete subset, side by side."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def worst_px(world: Any, steps: list[Any], width: int | None) -> float:
 
 @pytest.mark.parametrize("width", [1, 4])
 def test_one_point_in_a_hundred_off_by_a_pixel_costs_little(world: Callable[..., Any], plans: dict[str, list[Any]], width: int) -> None:
-    """The bar of a sound run; squares fill a block of a subset's size in part or whole, and no neighbour gives them away there."""
+    """The bar of a sound run; squares fill a block of a subset's size partly or completely, and no neighbour gives them away there."""
     steps = [item for item in plans["short"] if item.strain == 0.0][:5]
     sound, found = (worst_px(world(3), steps, item) for item in (None, width))
     assert found < 0.006

@@ -1,4 +1,4 @@
-"""Runs that rested for hours: the drift goes on through the pause, the cost and the choices do not."""
+"""Runs with pauses of hours: the drift continues through the pause, the cost and the choices do not change."""
 
 from __future__ import annotations
 
@@ -56,15 +56,15 @@ def test_a_night_s_pause_costs_nothing_and_spoils_nothing(world: Callable[..., A
 def test_choices_are_those_of_one_matrix(world: Callable[..., Any], plans: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch) -> None:
     item = world(8, step_px=30)
     taken = rested(item, plans["short"], 5, 5 * 3600.0)
-    apart = solved(item, taken)
+    separate = solved(item, taken)
     monkeypatch.setattr(accumulation, "DENSE_KNOTS", 10_000)
     together = solved(item, taken)
-    assert (dense_limit(apart.state), dense_limit(together.state)) == (len(taken), len(taken))
-    assert (apart.state.summed, together.state.summed) == (False, True)
-    assert apart.hyper.noise_scale == pytest.approx(together.hyper.noise_scale, rel=0.05)
-    assert [test.included for test in apart.terms] == [test.included for test in together.terms]
+    assert (dense_limit(separate.state), dense_limit(together.state)) == (len(taken), len(taken))
+    assert (separate.state.summed, together.state.summed) == (False, True)
+    assert separate.hyper.noise_scale == pytest.approx(together.hyper.noise_scale, rel=0.05)
+    assert [test.included for test in separate.terms] == [test.included for test in together.terms]
     maps = [dmap for pair in taken[1:] for dmap in pair.maps[1:]]
-    for item, other in zip(*(estimating.correction_strains(each, maps) for each in (apart, together)), strict=True):
+    for item, other in zip(*(estimating.correction_strains(each, maps) for each in (separate, together)), strict=True):
         sigma = np.array([other.sigma.exx, other.sigma.eyy, other.sigma.exy])
         assert np.abs(item.value - other.value).max() < 0.5 * sigma.max()
         np.testing.assert_allclose([item.sigma.exx, item.sigma.eyy, item.sigma.exy], sigma, rtol=0.3)

@@ -32,7 +32,7 @@ def test_a_correction_errs_at_points_by_what_is_stated(case: str) -> None:
     for seed in (1, 2, 3):
         experiment = make_experiment(SMALL[case], seed, GRID, CALIBRATION_PAIRS)
         solution = solved(experiment)
-        for observed in (observed for taken in experiment.pairs for observed in taken.seen):
+        for observed in (observed for taken in experiment.pairs for observed in taken.observed):
             noisy = next(
                 item
                 for item in experiment.pairs[observed.exact.current // 2].maps

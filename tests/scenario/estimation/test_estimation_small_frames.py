@@ -53,7 +53,7 @@ class SmallBench:
     def start_s(self, frame: int) -> float:
         return STARTS_S[frame // 2] + frame % 2 * (FRAME_S + 0.4)
 
-    def seen(self, at: Field, frame: int) -> tuple[Field, Field]:
+    def imaged(self, at: Field, frame: int) -> tuple[Field, Field]:
         strain = STRAIN if frame // 2 == 4 else 0.0
         motion = at_rest(SHIFTS_PX[frame // 2], ((-0.33 * strain, 0.0), (0.0, strain)))
         time_s = 37.0 + self.start_s(frame) + at[:, 0] * DWELL_S + at[:, 1] * ROW_S
@@ -61,11 +61,11 @@ class SmallBench:
         return self.column.row_maps(time_s, motion, 37.0 + self.start_s(frame), frame), bend
 
     def map(self, reference: int, current: int) -> DisparityMap:
-        maps, bend = self.seen(self.here, reference)
+        maps, bend = self.imaged(self.here, reference)
         material = np.einsum("nij,nj->ni", maps[:, :, :2], self.here - bend) + maps[:, :, 2]
         at = self.here
         for _ in range(30):
-            maps, bend = self.seen(at, current)
+            maps, bend = self.imaged(at, current)
             at = np.linalg.solve(maps[:, :, :2], (material - maps[:, :, 2])[..., None])[..., 0] + bend
         moved = at - self.here + self.noise.at(current, at) - self.noise.at(reference, self.here)
         u, v = (np.ascontiguousarray(item.reshape(GRID.shape)) for item in moved.T)
@@ -73,8 +73,8 @@ class SmallBench:
         return DisparityMap(reference, current, GRID, u, v, sigma, sigma, item, np.zeros(GRID.shape, np.uint8))
 
     def pairs(self) -> Iterator[tuple[int, Phase, tuple[FrameTime, FrameTime], tuple[DisparityMap, ...]]]:
-        known = [Sourced(value, Provenance.CONFIG) for value in (DWELL_S, ROW_S, FRAME_S)]
-        timing = ScanTiming(known[0], known[1], known[2], Sourced(1, Provenance.CONFIG))
+        times_s = [Sourced(value, Provenance.CONFIG) for value in (DWELL_S, ROW_S, FRAME_S)]
+        timing = ScanTiming(times_s[0], times_s[1], times_s[2], Sourced(1, Provenance.CONFIG))
         for pair in range(len(SHIFTS_PX)):
             first, second = 2 * pair, 2 * pair + 1
             compared = [(first, second), *((0, frame) for frame in (first, second) if pair)]
@@ -106,8 +106,8 @@ def test_the_noise_is_judged_with_the_smoothness_that_was_chosen(solutions: list
         assert item.noise_floor_px == pytest.approx(NOISE_PX, rel=0.3)
 
 
-def test_the_strain_of_a_load_step_is_known_as_well_as_the_noise_allows(solutions: list[Solution]) -> None:
-    """8e-5 of 7e-4 with drift made rough in place of the distortion; what is left is what one 0.02 px of noise makes of two steps."""
+def test_the_strain_error_of_a_load_step_reaches_the_noise_limit(solutions: list[Solution]) -> None:
+    """8e-5 of 7e-4 with drift made rough in place of the distortion; the remainder is the effect of 0.02 px of noise on two steps."""
     for item in solutions:
         joint = estimating.mean_strain_covariance(item, [6, 8])
         step = np.array([0.0, 0.0, -1.0, 1.0])

@@ -99,7 +99,7 @@ def test_drifting_magnification_is_found_and_corrected(world: Callable[..., Any]
 
 
 def test_rotation_of_the_raster_is_corrected_under_load_without_noise(world: Callable[..., Any], plans: dict[str, list[Any]]) -> None:
-    """It turns what the distortion leaves, 1e-4 px that the model does not have: made a rough drift, 0.05 px and more of displacement."""
+    """It absorbs the residual of the distortion, 1e-4 px outside of the model: made a rough drift, 0.05 px and more of displacement."""
     loaded = [item for item in plans["short"] if item.strain][:3]
     calibration = [item for item in plans["short"] if item.strain == 0.0][:5]
     found, worst = solved(changed(world(7, noise_px=0.0), turn=1e-7), [*calibration, *loaded])
@@ -145,7 +145,7 @@ def test_a_long_run_judges_the_coupling_again(world: Callable[..., Any], steps: 
 
 
 @pytest.mark.parametrize("scans", [2, 16])
-def test_integrated_scans_see_the_mean_drift_of_their_visits(world: Callable[..., Any], steps: list[Any], scans: int) -> None:
+def test_integrated_scans_contain_the_mean_drift_of_their_visits(world: Callable[..., Any], steps: list[Any], scans: int) -> None:
     found, worst = solved(changed(world(6, noise_px=0.0), scans=scans), steps)
     assert worst < 5e-4
     assert not used(found)["coupling"]

@@ -42,7 +42,7 @@ def test_a_curve_that_rises_again_has_not_reached_a_figure_before() -> None:
     assert int(reached_at((line(50, 1e-4), line(100, 3e-4), line(200, 1e-4)), 2e-4).split()[0]) > 100
 
 
-def test_each_frame_counts_alike_in_the_corrections_share_and_no_component_hides_another() -> None:
+def test_correction_share_weights_frames_equally_and_sums_components() -> None:
     def phase(frames: int, exx: float, eyy: float) -> PhaseFigures:
         share = {**dict.fromkeys(FIELDS, 0.0), "exx": exx, "eyy": eyy}
         row = GaugeRow(STATED_WINDOW, 83, dict.fromkeys(FIELDS, 1.0), dict.fromkeys(FIELDS, 1.0), share, 0.1)
@@ -71,8 +71,8 @@ def test_what_is_compared_are_the_papers_points() -> None:
 
 @pytest.mark.parametrize("grid", [Grid(38, 31, 5, 191, 165, 43), Grid(101, 101, 5, 149, 120, 43), Grid(106, 101, 5, 150, 120, 43)])
 def test_a_field_without_the_papers_points_is_compared_as_it_is(grid: Grid) -> None:
-    nothing, known = np.zeros(grid.shape), np.ones(grid.shape, np.bool_)
-    field = DistortionField(grid, nothing, nothing, nothing, known)
+    nothing, measured = np.zeros(grid.shape), np.ones(grid.shape, np.bool_)
+    field = DistortionField(grid, nothing, nothing, nothing, measured)
     assert on_papers_points(field) is field
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from peer_frame.kept import keep, kept
+from peer_frame.kept import keep, read_stored
 from peer_frame.page import line
 from peer_frame.scenario import Ending, Expected, Fault, Group, Observed, Scenario
 from peer_frame.truth import (
@@ -36,7 +36,7 @@ LOG = """10.000000 F=0.000 E=0.00000 mv=0 START
 18.000000 F=150.000 E=0.00750 mv=1 MOVE dir=2 travel=0.00100 speed=0.00100
 19.000000 F=1"""
 FROZEN = Fault(1, "no_response", "the load does not change", "stop")
-SEEN = Observed(
+OBSERVED = Observed(
     fault_s=13.0,
     ended_s=30.0,
     by_itself=False,
@@ -60,7 +60,7 @@ SEEN = Observed(
     wall_s=20.0,
     start_s=5.0,
 )
-TRIAL = Scenario("freeze", "the reading stands", "stop", Expected(stop_within_s=2.0, timed=True, registers={"r11": "777"}))
+TRIAL = Scenario("freeze", "the reading is frozen", "stop", Expected(stop_within_s=2.0, timed=True, registers={"r11": "777"}))
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def entries(tmp_path: Path) -> list:
     return read_log(path)
 
 
-def test_whole_lines_of_the_log_are_read(entries: list) -> None:
+def test_complete_lines_of_the_log_are_read(entries: list) -> None:
     assert len(entries) == 10
     assert stop_requests(entries, 13.0, 20.0) == [14.0, 16.0]
     assert [item.at_s for item in motion_orders(entries, 13.0)] == [17.0, 18.0]
@@ -105,7 +105,7 @@ def test_the_pursuit_of_a_stop_ends_with_the_next_motion_order_and_the_next_stop
 
 
 def test_what_is_as_it_must_be_passes() -> None:
-    assert judge(TRIAL, SEEN).failings == ()
+    assert judge(TRIAL, OBSERVED).failings == ()
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_what_is_as_it_must_be_passes() -> None:
     ],
 )
 def test_each_deviation_fails(change: dict, failing: str) -> None:
-    verdict = judge(TRIAL, replace(SEEN, **change))
+    verdict = judge(TRIAL, replace(OBSERVED, **change))
     assert any(failing in item for item in verdict.failings), verdict.failings
     assert line(verdict).startswith("FAIL freeze")
 
@@ -139,37 +139,41 @@ def test_each_deviation_fails(change: dict, failing: str) -> None:
         (Ending.REFUSED, {"exit_code": 2, "moved": False}, True),
         (Ending.REFUSED, {"exit_code": 2, "moved": True}, False),
         (Ending.REFUSED, {"exit_code": 0, "moved": False}, False),
-        (Ending.ASKED, {"faults": (), "asked": True}, True),
-        (Ending.ASKED, {"faults": (), "asked": False}, False),
+        (Ending.PROMPTED, {"faults": (), "asked": True}, True),
+        (Ending.PROMPTED, {"faults": (), "asked": False}, False),
         (Ending.RECOVERED, {"exit_code": 0}, True),
         (Ending.RECOVERED, {"exit_code": 1}, False),
         (Ending.COMPLETE, {"exit_code": 0, "faults": ()}, True),
         (Ending.COMPLETE, {"exit_code": 0}, False),
     ],
 )
-def test_each_ending_is_told_from_the_others(ending: Ending, change: dict, passes: bool) -> None:
+def test_verdict_requires_the_expected_ending(ending: Ending, change: dict, passes: bool) -> None:
     scenario = replace(TRIAL, expected=replace(TRIAL.expected, ending=ending))
-    assert judge(scenario, replace(SEEN, **change)).passed is passes
+    assert judge(scenario, replace(OBSERVED, **change)).passed is passes
 
 
-def test_the_bars_count_what_they_say() -> None:
+def test_safety_bars_are_counted_as_documented() -> None:
     healthy = replace(TRIAL, name="healthy", group=Group.HEALTHY, expected=Expected(Ending.COMPLETE, stop_within_s=None))
     wild = replace(TRIAL, name="wild", expected=replace(TRIAL.expected, peak_n=None))
-    good = figures([judge(TRIAL, replace(SEEN, stops_s=(13.2,))), judge(healthy, replace(SEEN, exit_code=0, faults=()))])
+    good = figures([judge(TRIAL, replace(OBSERVED, stops_s=(13.2,))), judge(healthy, replace(OBSERVED, exit_code=0, faults=()))])
     assert good.hold
     assert (good.trials, good.passed, good.healthy, good.stops) == (1, 1, 1, 1)
     assert good.p99_s == pytest.approx(0.2)
     bad = figures(
-        [judge(TRIAL, replace(SEEN, peak_n=500.0, faults=(), stops_s=())), judge(wild, replace(SEEN, peak_n=900.0)), judge(healthy, SEEN)]
+        [
+            judge(TRIAL, replace(OBSERVED, peak_n=500.0, faults=(), stops_s=())),
+            judge(wild, replace(OBSERVED, peak_n=900.0)),
+            judge(healthy, OBSERVED),
+        ]
     )
     assert not bad.hold
     assert (bad.over_peak, bad.silent, bad.missed, bad.false_stops) == (("freeze",), ("freeze",), ("freeze",), ("healthy",))
     assert bad.worst_peak_n == 500.0
 
 
-def test_what_is_kept_is_read_back(tmp_path: Path) -> None:
+def test_stored_verdicts_are_read_back(tmp_path: Path) -> None:
     path = tmp_path / "found.jsonl"
-    assert kept(path) == {}
-    keep(path, "freeze", SEEN)
-    keep(path, "freeze", replace(SEEN, peak_n=1.0))
-    assert kept(path) == {"freeze": replace(SEEN, peak_n=1.0)}
+    assert read_stored(path) == {}
+    keep(path, "freeze", OBSERVED)
+    keep(path, "freeze", replace(OBSERVED, peak_n=1.0))
+    assert read_stored(path) == {"freeze": replace(OBSERVED, peak_n=1.0)}

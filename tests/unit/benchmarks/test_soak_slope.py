@@ -1,4 +1,4 @@
-"""The statistic by which the soak tells growth from noise."""
+"""The statistic of the soak campaign that detects memory growth in noise."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def growth(mb_per_1000_pairs: float) -> np.ndarray:
     return mb_per_1000_pairs * TIMES_S * PAIRS_PER_S / 1000.0
 
 
-def test_flat_memory_is_seldom_told_to_grow_and_its_error_is_right() -> None:
+def test_constant_memory_rarely_counts_as_growth_and_its_slope_error_is_calibrated() -> None:
     reported = [slope(TIMES_S, noise(seed), PAIRS_PER_S) for seed in range(150)]
     assert sum(map(grows, reported)) < 15
     scatter = np.std([item["mb_per_1000_pairs"] for item in reported])
     assert 0.8 < np.mean([item["standard_error"] for item in reported]) / scatter < 1.3
 
 
-def test_growth_is_told_also_in_steps_and_where_noise_hides_it() -> None:
+def test_memory_growth_is_detected_in_steps_and_in_noise() -> None:
     assert all(grows(slope(TIMES_S, noise(seed) + growth(0.8), PAIRS_PER_S)) for seed in range(20))
     steps = growth(2.0) // 0.5 * 0.5
     assert all(grows(slope(TIMES_S, noise(seed) + steps, PAIRS_PER_S)) for seed in range(20))
@@ -40,6 +40,6 @@ def test_growth_is_told_also_in_steps_and_where_noise_hides_it() -> None:
     assert grows({})
 
 
-def test_noise_that_remembers_has_a_larger_error() -> None:
+def test_autocorrelated_noise_has_a_larger_slope_error() -> None:
     quick, slow = (np.mean([slope(TIMES_S, noise(seed, s), PAIRS_PER_S)["alike"] for seed in range(40)]) for s in (1.0, 300.0))
     assert slow > quick + 0.2

@@ -1,4 +1,4 @@
-"""`semlive doctor` finds what is wrong, names how to mend it, and leaves everything as it was."""
+"""`semlive doctor` finds what is wrong, names the remedy, and changes nothing."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ def config(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def told(path: Path) -> tuple[dict[str, dict[str, str]], Any]:
+def doctor_report(path: Path) -> tuple[dict[str, dict[str, str]], Any]:
     done = CliRunner().invoke(app, ["doctor", str(path), "--json"])
     return {item["what"]: item for item in json.loads(done.stdout)["findings"]}, done
 
 
-def test_all_is_well_and_nothing_is_left_behind(tmp_path: Path) -> None:
+def test_a_healthy_setup_passes_and_no_file_remains(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         frame = {"driver": "modbus", "settings": {"host": "127.0.0.1", "port": server.getsockname()[1]}}
-        findings, done = told(config(tmp_path, load_frame=frame))
+        findings, done = doctor_report(config(tmp_path, load_frame=frame))
     assert findings["load_frame"]["verdict"] == "good"
     assert {"processor", "JIT cache", "clock", "time service", "disk", "log folder", "drivers", "export folder"} <= set(findings)
     assert "the run may need 0.1 GB" in findings["disk"]["said"]  # two pairs
@@ -64,7 +64,7 @@ def test_what_is_wrong_is_reported_with_what_to_do(tmp_path: Path) -> None:
         parts = {"cell": {"serial": {"port": str(tmp_path / "ttyNone")}}, "drive": {"host": "127.0.0.1", "port": port}}
         path = config(tmp_path, load_frame={"driver": "assembled", "settings": parts}, stage={"driver": "teleport"})
         (tmp_path / "export").rmdir()
-        _, done = told(path)
+        _, done = doctor_report(path)
     bad = [item for item in json.loads(done.stdout)["findings"] if item["verdict"] == "bad"]
     assert len(bad) == 4, bad
     assert all(item["advice"] for item in bad)
@@ -77,7 +77,7 @@ def test_ends_are_found_however_deep() -> None:
     assert list(instrument.endpoints_in(settings)) == [("b", 502, 1), ("a", 1, 1), "COM3"]
 
 
-def test_a_share_is_known_by_its_mount(tmp_path: Path) -> None:
+def test_a_share_is_recognised_by_its_mount(tmp_path: Path) -> None:
     mounts = tmp_path / "mounts"
     mounts.write_text(f"/dev/sda1 / ext4 rw 0 0\n//sem/export {tmp_path}/sem cifs rw 0 0\n", encoding="utf-8")
     assert instrument.file_system(tmp_path / "sem" / "today", mounts) == "cifs"
@@ -96,7 +96,7 @@ def test_a_log_folder_that_cannot_be_written_is_bad(tmp_path: Path) -> None:
     assert computer.disk(tmp_path / "file", None)[1].verdict is Verdict.FAILED
 
 
-def test_kernels_are_kept_next_to_the_package_where_that_may_be_written(tmp_path: Path) -> None:
+def test_kernels_are_cached_next_to_the_package_where_it_is_writable(tmp_path: Path) -> None:
     environ: dict[str, str] = {}
     assert configure_jit_cache(environ, tmp_path) == tmp_path / "__pycache__"
     assert environ == {}
@@ -116,7 +116,7 @@ def test_what_the_user_reports_of_the_cache_holds(tmp_path: Path) -> None:
     assert configure_jit_cache(environ, tmp_path) == tmp_path / "mine"
 
 
-def test_without_any_folder_they_are_kept_until_the_computer_starts_again(tmp_path: Path) -> None:
+def test_without_a_cache_folder_kernels_are_cached_until_the_next_boot(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     environ = {"HOME": str(tmp_path / "file")}
     chosen = configure_jit_cache(environ, tmp_path / "file")
@@ -164,7 +164,7 @@ def with_load_file(folder: Path, text: str) -> Path:
     ],
 )
 def test_the_load_file_is_read_as_in_a_run(tmp_path: Path, text: str, verdict: str, observation: str) -> None:
-    findings, done = told(with_load_file(tmp_path, text))
+    findings, done = doctor_report(with_load_file(tmp_path, text))
     assert findings["load_file"]["verdict"] == verdict
     assert observation in findings["load_file"]["said"]
     assert (done.exit_code == 0) is (verdict != "bad")
@@ -172,7 +172,7 @@ def test_the_load_file_is_read_as_in_a_run(tmp_path: Path, text: str, verdict: s
 
 def test_a_part_that_is_a_file_is_read_as_in_a_run(tmp_path: Path) -> None:
     cell = {"protocol": "csv", "file": str(tmp_path / "load.csv"), "force": {"column": "Force"}}
-    findings, _ = told(config(tmp_path, load_frame={"driver": "assembled", "settings": {"cell": cell}}))
+    findings, _ = doctor_report(config(tmp_path, load_frame={"driver": "assembled", "settings": {"cell": cell}}))
     assert findings["cell"]["verdict"] == "bad"
     assert "there is no such file" in findings["cell"]["said"]
 
@@ -196,6 +196,6 @@ def test_files_that_a_run_does_not_take_are_named(tmp_path: Path) -> None:
 def test_the_newest_image_is_inspected_as_in_a_run(tmp_path: Path, profile: dict[str, float], verdict: str) -> None:
     path = config(tmp_path, sem={"folder": "export", "pixel_size_um": 1.0, "profile": profile})
     tifffile.imwrite(tmp_path / "export" / "a.tif", np.random.default_rng(1).integers(0, 255, (88, 102), dtype=np.uint8))
-    findings, _ = told(path)
+    findings, _ = doctor_report(path)
     assert findings["newest image"]["verdict"] == verdict
     assert ("does not contain its dwell time" in findings["newest image"]["said"]) is (verdict == "open")

@@ -1,4 +1,4 @@
-"""`semlive init` writes what can be run, and says the unit of every number."""
+"""`semlive init` writes a configuration that can be run, with the unit of every number."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_drivers_understand_their_settings(lab: str) -> None:
     assert config.stage is not None
     settings = dict(config.load_frame.settings)
     if "host" in settings:
-        settings |= {"host": "127.0.0.1", "port": 1}  # nobody listens there, which is told after settings were understood
+        settings |= {"host": "127.0.0.1", "port": 1}  # no server listens there, which is reported after the settings are parsed
     clock = SystemClock(Clock(0, 0))
     if lab == "operator-deben":
         drivers.open_load_frame(config.load_frame.driver, settings, clock).close()
@@ -82,13 +82,13 @@ def test_answers_are_requested_and_taken(tmp_path: Path) -> None:
 
 
 def test_a_wrong_answer_is_requested_again_and_no_other_answer_is_lost(tmp_path: Path) -> None:
-    typed = "two words\ntried\n\ncanon\ntescan\n-1\n0.5\nmagnet\nnone\nfoil\nz\ny\n"
+    typed = "cold rolled\ntried\n\ncanon\ntescan\n-1\n0.5\nmagnet\nnone\nfoil\nz\ny\n"
     done = written(tmp_path, typed=typed)
     assert done.exit_code == 0, done.output
     config = load_config(tmp_path / "run.yaml")
     assert (config.run.name, config.sem.vendor, config.sem.pixel_size_um, config.load_frame) == ("tried", "tescan", 0.5, None)
     for reason in (
-        "two words",
+        "cold rolled",
         "vendor canon: no such choice",
         "pixel_size_um must be more than 0",
         "frame magnet: no such choice",
@@ -97,7 +97,7 @@ def test_a_wrong_answer_is_requested_again_and_no_other_answer_is_lost(tmp_path:
         assert reason in done.output
 
 
-def test_options_are_not_asked_again(tmp_path: Path) -> None:
+def test_settings_given_as_options_are_not_prompted_for(tmp_path: Path) -> None:
     done = written(tmp_path, "--yes", "--max-load-n", "500", "--load-steps", "3", "--loading-axis", "x")
     assert done.exit_code == 0, done.output
     config = load_config(tmp_path / "run.yaml")

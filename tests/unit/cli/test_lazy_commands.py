@@ -1,4 +1,4 @@
-"""Commands are names until they are called; the names tell the truth about the commands."""
+"""Commands are names until they are called; the names are those of the commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output paths are checked before the work begins, and files are written whole or not at all."""
+"""Output paths are checked before the work begins, and files are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_folders_of_the_kernel_are_refused() -> None:
         output_file(Path("/proc/page.html"), "--out")
 
 
-def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
+def test_a_file_is_replaced_completely(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     write_text(page, "first")
     write_text(page, "second, \u00b5m")
@@ -69,7 +69,7 @@ def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [page]
 
 
-def test_a_page_that_cannot_be_written_leaves_the_former_one(tmp_path: Path) -> None:
+def test_a_page_that_cannot_be_written_keeps_the_former_one(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     write_text(page, "first")
     (tmp_path / "page.html.part").mkdir()

@@ -1,4 +1,4 @@
-"""`semlive plan`: what it foretells is what experiments were, and what propagation of noise says."""
+"""`semlive plan`: its forecast agrees with past experiments and with propagation of noise."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def config(**protocol: Any) -> dict[str, Any]:
     return {**GIVEN, "sem": {"folder": "export", "pixel_size_um": 1.25, "profile": {"frame_time_s": 94.67}}, "protocol": own}
 
 
-def told(tmp_path: Path, given: dict[str, Any], *arguments: str) -> dict[str, Any]:
+def plan_report(tmp_path: Path, given: dict[str, Any], *arguments: str) -> dict[str, Any]:
     path = tmp_path / "run.yaml"
     path.write_text(yaml.safe_dump(given), encoding="utf-8")
     done = CliRunner().invoke(app, ["plan", str(path), "--json", *arguments])
@@ -59,7 +59,7 @@ def test_triggered_frames_cost_their_export_and_no_other_scan() -> None:
     assert times.scans == times.pair_frames
 
 
-def test_waiting_is_told_apart() -> None:
+def test_waiting_time_is_reported_separately() -> None:
     plan = parse_config(config(warm_up={"max_rate_px_s": 0.01, "max_wait_s": 600}), "here").plan()
     assert schedule(plan, TimingAssumptions(10.0)).max_waiting_s == 600.0
 
@@ -88,8 +88,8 @@ def test_strain_noise_is_that_of_draws(window: int) -> None:
     assert np.std(means, axis=0) == pytest.approx([whole.exx, whole.eyy, whole.exy], rel=0.3)
 
 
-def test_a_typical_distortion_feigns_what_the_paper_shows() -> None:
-    """Fig. 16: 5 px feign exx -1.5e-4 ... 1e-4, exy -3.3e-4 ... 4.3e-4, eyy -4e-4 ... 6e-4."""
+def test_a_typical_distortion_causes_the_apparent_strain_of_the_paper() -> None:
+    """Fig. 16: a shift of 5 px gives an apparent exx -1.5e-4 ... 1e-4, exy -3.3e-4 ... 4.3e-4, eyy -4e-4 ... 6e-4."""
     typical = typical_distortion(PAPER, 1024, 884)
     worst = {}
     for shift in ((5.0, 0.0), (0.0, 5.0)):
@@ -111,7 +111,7 @@ def test_a_test_frame_predicts_noise(tmp_path: Path) -> None:
     for noise in (4.0, 8.0):
         image = np.clip(clean + noise * rng.standard_normal(clean.shape), 0, 255).astype(np.uint8)
         tifffile.imwrite(tmp_path / "test.tif", image, datetime=True)
-        printed = told(tmp_path, given, "--test-frame", str(tmp_path / "test.tif"), "--current-na", "2")
+        printed = plan_report(tmp_path, given, "--test-frame", str(tmp_path / "test.tif"), "--current-na", "2")
         sigma.append(np.mean(printed["displacement_sigma_px"]))
         gauge = next(item for item in printed["strain_sigma"] if item["window_points"] == 9)
         assert gauge["vsg_px"] == 123
@@ -125,7 +125,7 @@ def test_a_test_frame_predicts_noise(tmp_path: Path) -> None:
 
 def test_what_is_unwise_is_reported_with_what_to_set(tmp_path: Path) -> None:
     given = config(calibration_shifts_px=[[0, 0], [120, 0]], translation_shifts_px=[], hold_s=1, frame_timeout_s=100)
-    advice = "\n".join(told(tmp_path, given)["advice"])
+    advice = "\n".join(plan_report(tmp_path, given)["advice"])
     for part in (
         "frame_timeout_s",
         "protocol.hold_s",
@@ -138,18 +138,18 @@ def test_what_is_unwise_is_reported_with_what_to_set(tmp_path: Path) -> None:
         assert part in advice
 
 
-def test_small_shifts_are_told_before_the_run_refuses_them(tmp_path: Path) -> None:
+def test_small_shifts_are_reported_before_the_run_refuses_them(tmp_path: Path) -> None:
     cross = [[0, 0], [8, 0], [-8, 0], [0, 8], [0, -8]]
-    assert "reach 8 px along x and 8 px along y" in "\n".join(told(tmp_path, config(calibration_shifts_px=cross))["advice"])
+    assert "reach 8 px along x and 8 px along y" in "\n".join(plan_report(tmp_path, config(calibration_shifts_px=cross))["advice"])
     wide = [[2 * x, 2 * y] for x, y in cross]
-    assert "may be refused" not in "\n".join(told(tmp_path, config(calibration_shifts_px=wide))["advice"])
+    assert "may be refused" not in "\n".join(plan_report(tmp_path, config(calibration_shifts_px=wide))["advice"])
 
 
-def test_a_test_frame_that_contradicts_the_configuration_is_told_first(tmp_path: Path) -> None:
+def test_a_test_frame_that_contradicts_the_configuration_is_reported_first(tmp_path: Path) -> None:
     given = config()
     given["sem"] |= {"vendor": "fei", "profile": {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 2.5e-6}}
     tifffile.imwrite(tmp_path / "flat.tif", np.tile(np.arange(100, 108, dtype=np.uint8), (884, 128)), datetime=True)
-    printed = told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))
+    printed = plan_report(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))
     vendor, pixel, *_ = printed["advice"]
     assert "sem.vendor is fei, but the test frame is from plain" in vendor
     assert "2.5 um: shifts would be 0.5 times" in pixel
@@ -161,32 +161,32 @@ def test_a_frame_without_a_pattern_predicts_no_noise(tmp_path: Path) -> None:
     flat = np.full((884, 1024), 90, dtype=np.uint8)
     flat[:, 5] = 91
     tifffile.imwrite(tmp_path / "flat.tif", flat, datetime=True)
-    printed = told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))
+    printed = plan_report(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))
     assert printed["displacement_sigma_px"] is None
     assert printed["strain_sigma"] == []
     assert "too little contrast" in "\n".join(printed["advice"])
 
 
-@pytest.mark.parametrize(("roi_px", "left_out"), [([101, 101, 846, 696], 46), ([36, 31, 986, 851], None), (None, None)])
-def test_a_picture_that_is_left_out_is_told(tmp_path: Path, roi_px: list[int] | None, left_out: int | None) -> None:
+@pytest.mark.parametrize(("roi_px", "omitted"), [([101, 101, 846, 696], 46), ([36, 31, 986, 851], None), (None, None)])
+def test_an_omitted_roi_frame_is_reported(tmp_path: Path, roi_px: list[int] | None, omitted: int | None) -> None:
     given = config()
     given["dic"] = {"roi_px": roi_px}
     given["sem"]["profile"] = {"row_time_s": 0.1071, "dwell_time_s": 1e-4, "pixel_size_m": 1.25e-6}
     flat = np.full((884, 1024), 90, dtype=np.uint8)
     flat[:, 5] = 91
     tifffile.imwrite(tmp_path / "flat.tif", flat, datetime=True)
-    advice = "\n".join(told(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))["advice"])
-    assert ("dic.roi_px excludes" in advice) == (left_out is not None)
-    assert left_out is None or f"excludes {left_out} %" in advice
+    advice = "\n".join(plan_report(tmp_path, given, "--test-frame", str(tmp_path / "flat.tif"))["advice"])
+    assert ("dic.roi_px excludes" in advice) == (omitted is not None)
+    assert omitted is None or f"excludes {omitted} %" in advice
 
 
 def test_a_plan_beyond_its_limits_is_refused_as_the_run_would(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"line \d+: protocol\.loads_n\.1: a load of 9000 N is outside"):
-        told(tmp_path, config(loads_n=[100, 9000]))
+        plan_report(tmp_path, config(loads_n=[100, 9000]))
 
 
 def test_without_a_frame_time_it_asks_for_a_frame(tmp_path: Path) -> None:
     given = config()
     del given["sem"]["profile"]
     with pytest.raises(BadInput, match="--test-frame"):
-        told(tmp_path, given)
+        plan_report(tmp_path, given)

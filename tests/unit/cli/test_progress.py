@@ -1,4 +1,4 @@
-"""What long jobs say of the time that is left."""
+"""Progress messages of long jobs and the remaining time that they print."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_a_run_takes_as_long_for_each_step_as_before() -> None:
     assert pace.seconds(2, 5, 300.0) == 0.0
 
 
-def test_a_resumed_run_knows_only_its_own_steps() -> None:
+def test_a_resumed_run_counts_only_its_own_steps() -> None:
     pace = RemainingTime()
     assert pace.seconds(7, 10, 0.0) is None
     assert pace.seconds(8, 10, 20.0) == pytest.approx(40.0)
@@ -37,7 +37,7 @@ NAME = "a\x1b[2J\nb.tif"
 
 
 def snapshot(*alarms: Alarm, warnings: tuple[str, ...] = ()) -> RunSnapshot:
-    at = RunStatus(State.FAULT, 0, 3, Phase.TENSION, None, 10.0, 100.0, (0.0, 0.0), 0, f"{NAME} is torn")
+    at = RunStatus(State.FAULT, 0, 3, Phase.TENSION, None, 10.0, 100.0, (0.0, 0.0), 0, f"{NAME} is truncated")
     return RunSnapshot(5, at, None, None, 0, warnings, alarms)
 
 
@@ -52,14 +52,14 @@ def shown(*snapshots: RunSnapshot, terminal: bool) -> str:
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_a_machine_that_does_not_obey_is_told_at_once_and_loudly(terminal: bool) -> None:
+def test_a_machine_that_does_not_obey_is_reported_at_once_and_prominently(terminal: bool) -> None:
     printed = shown(snapshot(), snapshot(DISOBEYED), snapshot(DISOBEYED), terminal=terminal)
     (line,) = [line for line in printed.splitlines() if "own emergency stop" in line and "!!!" in line]
     assert "it moves on after 12 stops" in line
     assert ("\x1b[1;37;41m" in line) == terminal
 
 
-def test_it_is_told_again_every_few_seconds_until_it_is_acknowledged() -> None:
+def test_an_alarm_is_repeated_every_few_seconds_until_it_is_acknowledged() -> None:
     repeat = Repeat(5.0)
     assert [repeat.due(True, 100.0 + second) for second in range(12)] == [second in (0, 5, 10) for second in range(12)]
     assert not repeat.due(False, 112.0)
@@ -70,8 +70,8 @@ def test_it_is_told_again_every_few_seconds_until_it_is_acknowledged() -> None:
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_names_from_outside_reach_no_terminal_raw(terminal: bool) -> None:
-    printed = shown(snapshot(warnings=(f"{NAME} is torn",)), terminal=terminal)
-    assert "a\\x1b[2J\\nb.tif is torn" in printed
+    printed = shown(snapshot(warnings=(f"{NAME} is truncated",)), terminal=terminal)
+    assert "a\\x1b[2J\\nb.tif is truncated" in printed
     assert NAME not in printed
     assert "\x1b[2J" not in printed
 

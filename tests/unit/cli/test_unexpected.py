@@ -1,4 +1,4 @@
-"""What nobody expected is one sentence on the terminal, and the whole trace where somebody wants it."""
+"""An unexpected error is one line on the terminal; the full traceback is available on request."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def failing(*arguments: str, **environment: str) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize(("options", "code"), [((), 1), (("--thread",), 0)])
-def test_an_unexpected_error_is_one_sentence(options: tuple[str, ...], code: int) -> None:
+def test_an_unexpected_error_gives_one_error_line(options: tuple[str, ...], code: int) -> None:
     returned, printed = failing(*options)
     assert returned == code
     assert printed.count("\n") == 1

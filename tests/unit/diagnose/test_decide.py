@@ -48,7 +48,7 @@ def decided(seed: int, *effects: Effect) -> TwoRunVerdict:
     return compare_runs((run(seed, effects), run(seed + 1000, effects, HALF, seed)))
 
 
-def told(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
+def values_and_sigmas(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
     assert found.effect is not None
     return {item.name: (item.value, item.sigma) for item in found.effect.parameters}
 
@@ -76,18 +76,18 @@ def test_what_one_run_takes_for_distortion_moves_with_the_scan(effect: Effect, v
     assert found.effect.name == effect.name
     assert found.evidence[0][0] == effect.name
     for name, true in values.items():
-        value, sigma = told(found)[name]
+        value, sigma = values_and_sigmas(found)[name]
         assert abs(value - true) < 3.0 * sigma, f"{name}: {value} +- {sigma}, hidden {true}"
         assert sigma < 0.3 * abs(true)
 
 
-def test_a_distortion_that_goes_with_the_scan_by_no_known_law_is_unknown() -> None:
+def test_a_scan_bound_distortion_without_a_model_is_unknown() -> None:
     found = compare_runs((run(43), run(1043, scan=HALF)))
     assert found.outcome is Outcome.UNKNOWN
     assert found.separate_log_odds > 100.0
 
 
-def test_runs_that_were_scanned_alike_decide_nothing() -> None:
+def test_two_runs_with_equal_scans_decide_nothing() -> None:
     with pytest.raises(IllPosed, match="equal scan times"):
         compare_runs((run(44, grid=COARSE), run(1044, bent_like=44, grid=COARSE)))
 
@@ -120,9 +120,9 @@ def test_a_law_is_what_the_points_and_subsets_of_a_block_show() -> None:
     law = relative_to_reference(family, sample_within_blocks(without), {"settling_s": 5.0}, like)
     assert law is not None
     moved = with_effects.disparity_px - without.disparity_px
-    left = moved - law.field_px @ [0.3, -0.4]
+    residual = moved - law.field_px @ [0.3, -0.4]
     assert moved.std() > 2e-3
-    assert left.std() < 0.015 * moved.std()
+    assert residual.std() < 0.015 * moved.std()
 
 
 def test_a_dictionary_holds_no_name_twice() -> None:

@@ -34,12 +34,12 @@ from semlive.diagnose.experiments.simulated_run import simulate_baseline
 from semlive.diagnose.maps.refinement import RefinedEffect, refined
 
 GRID = Grid(101, 101, 45, 17, 14, 43)
-ALIKE = ("raster_rotation_drift", "stage_yaw")
+CONFUSABLE = ("raster_rotation_drift", "stage_yaw")
 
 
 @pytest.fixture(scope="module")
 def turning() -> Observation:
-    return observed(Conditions(7), hidden_effect(ALIKE[0], 0.08, 7), GRID, QUICK)
+    return observed(Conditions(7), hidden_effect(CONFUSABLE[0], 0.08, 7), GRID, QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def verdict(*names: str, ambiguous: bool = True) -> Diagnosis:
 def test_simulations_of_an_experiment_give_the_odds_that_were_predicted(
     turning: Observation, before: HyperparameterGrid, dwell: float
 ) -> None:
-    rivals = found(before, *ALIKE)
+    rivals = found(before, *CONFUSABLE)
     ahead = simulate_baseline(
         before, planned_run(turning, ExperimentKind.REPEAT if dwell == 1.0 else ExperimentKind.CHANGED_SCAN_TIMES, dwell)
     )
@@ -71,7 +71,7 @@ def test_simulations_of_an_experiment_give_the_odds_that_were_predicted(
     given = []
     for seed in (21, 22, 23):
         conditions = Conditions(seed, tension=0, bent_like=7, scan=scan, noise_px=0.02 / dwell**0.5)
-        after = noise_scaled_baseline(observed(conditions, hidden_effect(ALIKE[0], 0.08, 7), GRID, QUICK))
+        after = noise_scaled_baseline(observed(conditions, hidden_effect(CONFUSABLE[0], 0.08, 7), GRID, QUICK))
         given.append(log_odds(after, [predict_effect(after, before, entry) for entry in rivals])[0, 1])
 
     assert expected[0, 1] > 5.0
@@ -134,46 +134,46 @@ def test_what_has_happened_or_goes_with_moves_reports_nothing_of_a_parked_run(tu
     assert printed[0, 2] > 0.0  # no effect is detected, which is evidence against one that should be visible
 
 
-def test_what_is_left_open_gets_the_experiments_that_decide_with_the_most_a_minute_first(turning: Observation) -> None:
-    menu = forecast_experiments(turning, verdict(*ALIKE))
+def test_an_open_question_gets_experiments_ordered_by_information_per_minute(turning: Observation) -> None:
+    menu = forecast_experiments(turning, verdict(*CONFUSABLE))
 
     kinds = {(entry.kind, entry.dwell) for entry in menu}
     unloaded = {("parked", 1.0), ("again", 1.0), ("reversed", 1.0), ("other_scan", 0.5), ("other_scan", 2.0)}
     assert kinds == unloaded | {("longer_hold", 1.0), ("dummy_steps", 1.0), ("unload", 1.0)}
     rates = [entry.log_odds_per_minute for entry in menu]
     assert rates == sorted(rates, reverse=True)
-    assert {(entry.true, entry.other) for entry in menu} <= {ALIKE, ALIKE[::-1]}
+    assert {(entry.true, entry.other) for entry in menu} <= {CONFUSABLE, CONFUSABLE[::-1]}
     # Nothing turns with moves in a parked run, but drift and a distortion that it does not show take a turning raster up.
     least = {entry.kind: entry.log_odds for entry in menu if entry.dwell == 1.0}
     assert least["parked"] < least["again"] < least["reversed"]
 
 
-def test_one_effect_is_told_from_nothing_and_one_effect_with_two_names_cannot_be_predicted(turning: Observation) -> None:
-    alone = forecast_experiments(turning, verdict(ALIKE[0], ambiguous=False))
-    assert {entry for each in alone for entry in (each.true, each.other)} == {ALIKE[0], "nothing"}
-    assert forecast_experiments(turning, verdict(ALIKE[0], "hv_drift")) == ()
+def test_an_effect_is_separable_from_none_and_a_synonym_is_not_predictable(turning: Observation) -> None:
+    alone = forecast_experiments(turning, verdict(CONFUSABLE[0], ambiguous=False))
+    assert {entry for each in alone for entry in (each.true, each.other)} == {CONFUSABLE[0], "nothing"}
+    assert forecast_experiments(turning, verdict(CONFUSABLE[0], "hv_drift")) == ()
     assert NOTHING.name == "nothing"
 
 
 def test_the_experiment_that_decides_in_the_least_time_is_proposed() -> None:
-    slow = ExperimentForecast("other_scan", 2.0, 60.0, 12.0, *ALIKE)
-    weak = ExperimentForecast("parked", 1.0, 5.0, 2.0, *ALIKE)
-    requests = replace(verdict(*ALIKE), experiment=ExperimentProposal(ALIKE, "park the stage", (weak, slow)))
+    slow = ExperimentForecast("other_scan", 2.0, 60.0, 12.0, *CONFUSABLE)
+    weak = ExperimentForecast("parked", 1.0, 5.0, 2.0, *CONFUSABLE)
+    requests = replace(verdict(*CONFUSABLE), experiment=ExperimentProposal(CONFUSABLE, "park the stage", (weak, slow)))
 
     chosen = choose_proposal(requests)
     assert chosen is not None
     assert (chosen.kind, chosen.forecast) == (ExperimentKind.CHANGED_SCAN_TIMES, slow)
-    undecided = choose_proposal(replace(requests, experiment=ExperimentProposal(ALIKE, "park the stage", (weak,))))
+    undecided = choose_proposal(replace(requests, experiment=ExperimentProposal(CONFUSABLE, "park the stage", (weak,))))
     assert undecided is not None
     assert (undecided.kind, undecided.forecast) == (ExperimentKind.STATIONARY_SERIES, None)
     assert weak.log_odds_per_minute == pytest.approx(0.4)
     assert slow.summary == "other scan, 2 times the dwell"
 
-    reported = ranked(ExperimentProposal(ALIKE, "park the stage"), (weak, slow))
+    reported = ranked(ExperimentProposal(CONFUSABLE, "park the stage"), (weak, slow))
     assert reported.about.startswith("other scan, 2 times the dwell, 60 minutes: effects that follow the dwell")
     assert reported.about.endswith("(or: park the stage)")
     assert reported.forecasts == (weak, slow)
-    assert ranked(ExperimentProposal(ALIKE, "park the stage"), (weak,)).about == "park the stage"
+    assert ranked(ExperimentProposal(CONFUSABLE, "park the stage"), (weak,)).about == "park the stage"
 
     console = Console(width=160, record=True, file=StringIO())
     console.print(forecast_table((weak, slow)))

@@ -1,4 +1,4 @@
-"""A specimen that is lifted with the load is told from strain by a gage; the lift is the simulators' own, and so is the gage's factor."""
+"""A gage separates a specimen that is lifted with the load from strain; lift and gage factor are simulated."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def readings(
     drift_per_s: float = 0.0,
     loads: list[float] = UP,
 ) -> GageReadings:
-    """Fifteen pairs at rest, then the loads. What frame 0 leaves open (1e-5) all loads share; the factor is off by a draw of its 0.5 %.
+    """Fifteen stationary pairs, then the loads. All loads share the uncertainty of frame 0 (1e-5); the factor is drawn with its 0.5 %.
 
     Args:
         seed: of all noise.
-        per_n: strain that a lift feigns.
+        per_n: apparent strain of a lift.
         factor: what the gage's is; None draws it.
         zero: of the gage.
-        step: strain that only maps show, alike at all loads.
+        step: strain that only maps show, equal at all loads.
         scatter: standard deviation of what the maps add in each loaded pair by themselves.
         drift_per_s: of the gage.
         loads: that were held.
@@ -57,8 +57,8 @@ def readings(
     covariance = np.outer(loaded, loaded) * 1e-10 + np.diag(np.where(loaded, STRAIN_SIGMA**2, 0.0))
     way = np.where(loaded, 1.0, 0.0)
     read_n = load_n + 0.05 * rng.standard_normal(len(load_n))
-    beside = LoadReadings(time_s, read_n, np.where(loaded, strain, 0.0), covariance, loaded, way, HALF_PX)
-    return GageReadings(beside, gage, np.full(len(load_n), GAGE_SIGMA), 0.005)
+    load_readings = LoadReadings(time_s, read_n, np.where(loaded, strain, 0.0), covariance, loaded, way, HALF_PX)
+    return GageReadings(load_readings, gage, np.full(len(load_n), GAGE_SIGMA), 0.005)
 
 
 def named(found: list[Diagnosis]) -> int:
@@ -76,12 +76,12 @@ def test_maps_that_show_what_the_gage_shows_have_no_lift() -> None:
 def test_a_lift_has_a_name(per_n: float, least: int) -> None:
     found = [add_gage_evidence(NOTHING, readings(seed, per_n)) for seed in range(40)]
     assert named(found) >= least
-    told = [entry for entry in found if entry.effects]
-    assert all((entry.outcome, entry.group, entry.ambiguous) == (Outcome.IDENTIFIED, "G6", ()) for entry in told)
-    assert all(entry.effects[0].strain for entry in told)
-    values = [{item.name: item for item in entry.effects[0].parameters} for entry in told]
+    identified = [entry for entry in found if entry.effects]
+    assert all((entry.outcome, entry.group, entry.ambiguous) == (Outcome.IDENTIFIED, "G6", ()) for entry in identified)
+    assert all(entry.effects[0].strain for entry in identified)
+    values = [{item.name: item for item in entry.effects[0].parameters} for entry in identified]
     away = [(entry["strain_per_n"].value - per_n) / entry["strain_per_n"].sigma for entry in values]
-    if least == len(found):  # those that are loud by luck are too large
+    if least == len(found):  # those that are significant by chance are too large
         assert abs(np.mean(away)) < 0.5
         assert np.std(away) == pytest.approx(1.0, abs=0.3)
         assert np.median([entry.gap.closure for entry in found if entry.gap is not None]) == pytest.approx(1.0, abs=0.05)
@@ -91,7 +91,7 @@ def test_a_lift_has_a_name(per_n: float, least: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "told",
+    "readings_error",
     [
         {"factor": 1.005},
         {"factor": 0.995},
@@ -103,11 +103,11 @@ def test_a_lift_has_a_name(per_n: float, least: int) -> None:
         {"drift_per_s": 2e-8},
     ],
 )
-def test_what_a_gage_or_a_first_step_does_is_no_lift(told: dict[str, float]) -> None:
-    assert named([add_gage_evidence(NOTHING, readings(seed, **told)) for seed in range(100)]) == 0
+def test_what_a_gage_or_a_first_step_does_is_no_lift(readings_error: dict[str, float]) -> None:
+    assert named([add_gage_evidence(NOTHING, readings(seed, **readings_error)) for seed in range(100)]) == 0
 
 
-def test_what_differs_from_load_to_load_is_told_without_a_name() -> None:
+def test_scatter_between_loads_is_reported_without_a_name() -> None:
     found = [add_gage_evidence(NOTHING, readings(seed, scatter=1e-4)) for seed in range(100)]
     received = [entry.where[-1] for entry in found]
     assert all(entry.domain == "gage_readings" for entry in received)
@@ -118,12 +118,12 @@ def test_what_differs_from_load_to_load_is_told_without_a_name() -> None:
 
 
 @pytest.mark.parametrize("name", ["bending_misalignment", "magnification_drift"])
-@pytest.mark.parametrize("known", [False, True])
-def test_what_parts_maps_and_gage_as_well_leaves_it_open(name: str, known: bool) -> None:
+@pytest.mark.parametrize("in_model", [False, True])
+def test_an_effect_that_also_separates_maps_and_gage_stays_ambiguous(name: str, in_model: bool) -> None:
     law = ModelEffect(name, (), 0.1)
     effect = IdentifiedEffect(name, (), 0.1, 20.0, 0.003, False, law)
     before = (
-        replace(NOTHING, model_effects=(law,)) if known else replace(NOTHING, outcome=Outcome.IDENTIFIED, effects=(effect,), group="G11")
+        replace(NOTHING, model_effects=(law,)) if in_model else replace(NOTHING, outcome=Outcome.IDENTIFIED, effects=(effect,), group="G11")
     )
     found = add_gage_evidence(before, readings(1, LIFT))
     assert (found.outcome, found.ambiguous) == (Outcome.AMBIGUOUS, ("out_of_plane_translation", name))
@@ -140,18 +140,18 @@ def test_without_a_gage_or_with_too_few_loads_nothing_changes() -> None:
     assert gage_readings(silent.load_readings, steps, 0.005) is None
 
 
-def test_pairs_at_which_it_was_silent_are_left_out() -> None:
+def test_pairs_without_a_gage_reading_are_omitted() -> None:
     steps = [
         StepConditions(at, Phase.TENSION, (1.0, 1.0), (0.0, 0.0), gage=None if at == 1 else MeasuredValue(1e-4, 1e-7)) for at in range(3)
     ]
-    told = gage_readings(readings(1).load_readings, steps, 0.005)
-    assert told is not None
-    assert np.isnan(told.gage).tolist() == [False, True, False]
+    result = gage_readings(readings(1).load_readings, steps, 0.005)
+    assert result is not None
+    assert np.isnan(result.gage).tolist() == [False, True, False]
 
 
 def test_what_the_model_has_is_not_named_again() -> None:
-    known = replace(NOTHING, model_effects=(ModelEffect("out_of_plane_translation", (), 0.14),))
-    assert add_gage_evidence(known, readings(1, LIFT)).effects == ()
+    in_model = replace(NOTHING, model_effects=(ModelEffect("out_of_plane_translation", (), 0.14),))
+    assert add_gage_evidence(in_model, readings(1, LIFT)).effects == ()
 
 
 def test_the_load_cell_reports_what_it_reported() -> None:

@@ -1,4 +1,4 @@
-"""Grey levels of frames made here: each effect by its own law, honest figures, nothing where there is nothing."""
+"""Grey levels of frames made here: each effect by its own model, correct uncertainties, no finding without an effect."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def of_noise(seed: int) -> IntensityDiagnosis:
     return diagnose_intensity(series(seed))
 
 
-def told(found: IntensityDiagnosis, name: str) -> dict[str, tuple[float, float]]:
+def values_and_sigmas(found: IntensityDiagnosis, name: str) -> dict[str, tuple[float, float]]:
     (effect,) = [item for item in found.effects if item.name == name]
     return {item.name: (item.value, item.sigma) for item in effect.parameters}
 
@@ -120,7 +120,7 @@ def test_noise_is_reported_as_a_line_over_grey() -> None:
     assert slope.sigma < 0.02
 
 
-def test_gain_is_not_flattened_by_noise_and_blur_is_told_apart() -> None:
+def test_gain_is_not_biased_by_noise_and_is_separated_from_blur() -> None:
     def dull(grey: Image, time_s: Image) -> Image:
         return blurred(0.9 * grey + 5.0, 0.5) if time_s[0, 0] > 400.0 else grey
 
@@ -133,18 +133,18 @@ def test_gain_is_not_flattened_by_noise_and_blur_is_told_apart() -> None:
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-def test_contamination_takes_mean_and_contrast_alike(bits: int) -> None:
+def test_contamination_reduces_mean_and_contrast_equally(bits: int) -> None:
     found = diagnose_intensity(series(3, lambda grey, time_s: grey * (1.0 - 5e-5 * time_s), bits=bits))
     assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["contamination"])
-    value, sigma = told(found, "contamination")["loss_per_s"]
+    value, sigma = values_and_sigmas(found, "contamination")["loss_per_s"]
     assert value == pytest.approx(5e-5, abs=4.0 * sigma)
     assert sigma < 5e-6
 
 
-def test_contamination_over_a_black_level_is_told_with_it() -> None:
+def test_contamination_is_reported_with_its_black_level() -> None:
     found = diagnose_intensity(series(4, lambda grey, time_s: 25.0 + (grey - 25.0) * (1.0 - 1e-4 * time_s)))
     assert names(found) == ["contamination"]
-    value, sigma = told(found, "contamination")["black_level"]
+    value, sigma = values_and_sigmas(found, "contamination")["black_level"]
     assert value == pytest.approx(25.0, abs=4.0 * sigma)
     assert sigma < 10.0
 
@@ -156,15 +156,15 @@ def test_brightness_that_drifts_is_no_contamination() -> None:
     assert max(found.evidence, key=lambda item: item[1])[0] == DRIFT
 
 
-def test_a_picture_that_brightens_with_dose_is_no_contamination() -> None:
+def test_an_image_that_brightens_with_dose_is_no_contamination() -> None:
     found = diagnose_intensity(series(5, lambda grey, time_s: grey * (1.0 + 5e-5 * time_s)))
     assert (found.outcome, names(found)) == (Outcome.UNKNOWN, [])
 
 
-def test_defocus_leaves_the_mean() -> None:
+def test_defocus_preserves_the_mean() -> None:
     found = diagnose_intensity(series(6, lambda grey, time_s: blurred(grey, 1e-3 * float(time_s.mean()))))
     assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["defocus"])
-    value, sigma = told(found, "defocus")["blur_px_per_s"]
+    value, sigma = values_and_sigmas(found, "defocus")["blur_px_per_s"]
     assert value == pytest.approx(1e-3, abs=4.0 * sigma)
     assert sigma < 5e-5
 
@@ -172,7 +172,7 @@ def test_defocus_leaves_the_mean() -> None:
 def test_focus_that_wanders_through_its_best_is_defocus_too() -> None:
     found = diagnose_intensity(series(6, lambda grey, time_s: blurred(grey, 2e-3 * abs(float(time_s.mean()) - 400.0))))
     assert names(found) == ["defocus"]
-    assert told(found, "defocus")["sharpest_s"][0] == pytest.approx(400.0, abs=40.0)
+    assert values_and_sigmas(found, "defocus")["sharpest_s"][0] == pytest.approx(400.0, abs=40.0)
 
 
 @pytest.mark.parametrize("at_s", [420.0, 463.0])
@@ -182,7 +182,7 @@ def test_another_curve_has_its_instant_between_frames_or_in_one(at_s: float) -> 
 
     found = diagnose_intensity(series(8, curve))
     assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["gamma_change"])
-    parameters = told(found, "gamma_change")
+    parameters = values_and_sigmas(found, "gamma_change")
     for name, truth, within in (("gain", 1.04, 0.01), ("gamma", 0.9, 0.03), ("offset_levels", -6.0, 4.0)):
         assert parameters[name][0] == pytest.approx(truth, abs=4.0 * parameters[name][1])
         assert parameters[name][1] < within
@@ -196,18 +196,18 @@ def test_what_the_model_has_is_not_found_again() -> None:
     assert diagnose_intensity(rows, model_effects=[effect.model_effect]).outcome is Outcome.NONE
 
 
-def test_a_flash_is_told_with_its_time_and_height() -> None:
+def test_a_flash_is_reported_with_its_time_and_height() -> None:
     found = diagnose_intensity(series(9, lambda grey, time_s: grey + 20.0 * ((time_s >= 460.0) & (time_s < 460.35))))
     assert names(found) == ["charging_jump"]
-    parameters = told(found, "charging_jump")
+    parameters = values_and_sigmas(found, "charging_jump")
     assert parameters["flash_at_s"][0] == pytest.approx(460.2, abs=0.2)
     assert parameters["flash_levels"][0] == pytest.approx(20.0, abs=4.0 * parameters["flash_levels"][1])
 
 
-def test_a_flash_above_all_blocks_is_told_too() -> None:
+def test_a_flash_in_all_blocks_is_reported() -> None:
     found = diagnose_intensity(series(9, lambda grey, time_s: grey + 20.0 * ((time_s >= 450.6) & (time_s < 450.95))))
     assert (found.outcome, names(found)) == (Outcome.IDENTIFIED, ["charging_jump"])
-    assert told(found, "charging_jump")["flash_at_s"][0] == pytest.approx(450.8, abs=0.2)
+    assert values_and_sigmas(found, "charging_jump")["flash_at_s"][0] == pytest.approx(450.8, abs=0.2)
 
 
 def test_rows_that_jump_are_no_flash() -> None:
@@ -224,7 +224,7 @@ def test_few_percent_of_clipped_pixels_do_no_harm() -> None:
     found = diagnose_intensity(series(10, bright))
     assert names(found) == ["contamination"]
     assert 0.01 < found.clipped < 0.2
-    value, sigma = told(found, "contamination")["loss_per_s"]
+    value, sigma = values_and_sigmas(found, "contamination")["loss_per_s"]
     assert value == pytest.approx(5e-5, abs=5.0 * sigma)
 
 
@@ -265,15 +265,15 @@ def effect(name: str, *parameters: tuple[str, float, float]) -> IdentifiedEffect
 
 
 @pytest.fixture(scope="module")
-def quiet() -> IntensityDiagnosis:
+def without_effect() -> IntensityDiagnosis:
     return of_noise(1)
 
 
 FLASH = effect("charging_jump", ("flash_levels", 20.0, 1.0), ("flash_at_s", 903.0, 0.2))
 
 
-def test_a_flash_makes_a_jump_a_charges(quiet: IntensityDiagnosis) -> None:
-    flashing = replace(quiet, outcome=Outcome.IDENTIFIED, effects=(FLASH,))
+def test_a_flash_makes_a_jump_a_charges(without_effect: IntensityDiagnosis) -> None:
+    flashing = replace(without_effect, outcome=Outcome.IDENTIFIED, effects=(FLASH,))
     jump = effect("drift_jump", ("x_px", 0.5, 0.01), ("at_s", 900.0, 4.0))
 
     found = add_intensity_verdict(of_maps(Outcome.IDENTIFIED, jump), flashing)
@@ -286,10 +286,10 @@ def test_a_flash_makes_a_jump_a_charges(quiet: IntensityDiagnosis) -> None:
     assert [item.name for item in elsewhen.effects] == ["drift_jump", "charging_jump"]
 
 
-def test_a_flash_decides_between_jumps(quiet: IntensityDiagnosis) -> None:
+def test_a_flash_decides_between_jumps(without_effect: IntensityDiagnosis) -> None:
     jump = effect("drift_jump", ("at_s", 900.0, 4.0))
     maps = replace(of_maps(Outcome.AMBIGUOUS, jump), ambiguous=("drift_jump", "jump_within_pair"))
-    found = add_intensity_verdict(maps, replace(quiet, outcome=Outcome.IDENTIFIED, effects=(FLASH,)))
+    found = add_intensity_verdict(maps, replace(without_effect, outcome=Outcome.IDENTIFIED, effects=(FLASH,)))
     assert (found.outcome, found.ambiguous, found.experiment) == (Outcome.IDENTIFIED, (), None)
 
 
@@ -302,15 +302,19 @@ def test_a_flash_decides_between_jumps(quiet: IntensityDiagnosis) -> None:
         (Outcome.REJECTED, "magnification_drift", Outcome.REJECTED),
     ],
 )
-def test_grey_without_a_law_goes_along_with_a_charge_only(quiet: IntensityDiagnosis, outcome: Outcome, name: str, joint: Outcome) -> None:
-    strange = replace(quiet, outcome=Outcome.UNKNOWN, unexplained="frames differ by 2 grey levels")
+def test_unexplained_intensity_is_attributed_only_to_a_charge(
+    without_effect: IntensityDiagnosis, outcome: Outcome, name: str, joint: Outcome
+) -> None:
+    strange = replace(without_effect, outcome=Outcome.UNKNOWN, unexplained="frames differ by 2 grey levels")
     found = add_intensity_verdict(of_maps(outcome, effect(name)), strange)
     assert found.outcome is joint
     assert found.images.grey is strange
 
 
-def test_two_names_that_would_do_come_with_an_experiment(quiet: IntensityDiagnosis) -> None:
-    either = replace(quiet, outcome=Outcome.AMBIGUOUS, effects=(effect("contamination"),), ambiguous=("contamination", "gamma_change"))
+def test_two_equally_likely_effects_come_with_an_experiment(without_effect: IntensityDiagnosis) -> None:
+    either = replace(
+        without_effect, outcome=Outcome.AMBIGUOUS, effects=(effect("contamination"),), ambiguous=("contamination", "gamma_change")
+    )
     found = add_intensity_verdict(of_maps(Outcome.NONE), either)
     assert (found.outcome, found.group, found.ambiguous) == (Outcome.AMBIGUOUS, "G12", ("contamination", "gamma_change"))
     assert found.experiment is not None

@@ -40,18 +40,18 @@ def test_what_an_effect_moves_is_what_it_moved(bent: Observation) -> None:
     without = hidden(CONDITIONS, (), GRID)[-1].maps[-1]
     both = with_it.valid & without.valid
     true = np.stack((with_it.u_px - without.u_px, with_it.v_px - without.v_px), axis=-1)[both]
-    left = true - fields[with_it.current][both]
+    residual = true - fields[with_it.current][both]
 
     assert moved.not_corrected == ()
     assert np.max(np.hypot(*true.T)) > 0.5 * PEAK_PX
     # What is like strain or motion is left to those: only the rest counts.
     x, y = (item[both] for item in GRID.mesh())
     affine = np.stack((np.ones_like(x), x, y), axis=-1)
-    rest, was = (item - affine @ np.linalg.lstsq(affine, item, rcond=None)[0] for item in (left, true))
+    rest, was = (item - affine @ np.linalg.lstsq(affine, item, rcond=None)[0] for item in (residual, true))
     assert np.sqrt(np.mean(rest**2)) < 0.1 * np.sqrt(np.mean(was**2))
 
 
-def test_an_injected_strain_is_left(bent: Observation) -> None:
+def test_an_injected_strain_is_preserved(bent: Observation) -> None:
     strain = 1e-4
     scene = bent.geometry
     more = np.zeros_like(bent.disparity_px)
@@ -63,7 +63,7 @@ def test_an_injected_strain_is_left(bent: Observation) -> None:
     assert np.max(np.abs(taken)) < 0.02 * strain
 
 
-def test_strain_is_not_corrected_for_what_cannot_be_told_from_it(bent: Observation) -> None:
+def test_strain_is_not_corrected_for_an_effect_that_is_inseparable_from_it(bent: Observation) -> None:
     moved = effect_displacement(bent, [ModelEffect("refocus_magnification_step", (), 0.3), ModelEffect("inhomogeneous_strain", (), 0.1)])
     assert set(moved.not_corrected) == {"refocus_magnification_step", "inhomogeneous_strain"}
     assert not moved.field_px.any()

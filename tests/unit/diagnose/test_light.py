@@ -1,4 +1,4 @@
-"""After every pair: what is not noise is said once, in a run without anything hidden nothing is said."""
+"""Residual test after every pair: a hidden effect is reported once, and a run without hidden effects gets no report."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from semlive.diagnose.residual_whiteness import FALSE_ALARM_RATE, Whiteness, whi
 from semlive.service.analysis.results import new_warnings
 
 GRID = Grid(101, 101, 45, 17, 14, 43)  # a block is a point
-Said = list[tuple[pipeline.AnalysisState, pipeline.PairResult]]
+Steps = list[tuple[pipeline.AnalysisState, pipeline.PairResult]]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -34,17 +34,17 @@ def one_thread() -> Iterator[None]:
         yield
 
 
-def after_each(said: Said) -> list[Whiteness | None]:
-    return [whiteness_test(begun.solution, begun.pairs) for begun, _ in said]
+def after_each(note: Steps) -> list[Whiteness | None]:
+    return [whiteness_test(state.solution, state.pairs) for state, _ in note]
 
 
 @pytest.fixture(scope="module")
-def noise() -> Said:
+def noise() -> Steps:
     """A run without anything hidden, after each of nine pairs."""
     return list(followed(hidden(Conditions(31, calibration=6, tension=3), (), GRID), AnalysisSettings()))
 
 
-def test_nothing_is_said_of_noise(noise: Said) -> None:
+def test_noise_gives_no_notes(noise: Steps) -> None:
     found = after_each(noise)
     assert found[:4] == [None] * 4
     assert all(one is not None and one.notes() == () for one in found[4:])
@@ -52,19 +52,19 @@ def test_nothing_is_said_of_noise(noise: Said) -> None:
 
 
 @pytest.mark.parametrize(("name", "domain", "by"), [("stage_yaw", "frame", 7), ("tilt_with_load", "load", 13)])
-def test_what_is_hidden_is_seen_where_it_is(name: str, domain: str, by: int) -> None:
+def test_a_hidden_effect_is_found_in_its_domain(name: str, domain: str, by: int) -> None:
     conditions = Conditions(7, calibration=8 if by > 8 else by, tension=max(0, by - 8))
     *_, last = after_each(list(followed(hidden(conditions, hidden_effect(name, 4.0 * PROTOTYPE_PX[name], 7), GRID), AnalysisSettings())))
     assert last is not None
-    loudest = last.most_significant
-    assert loudest is not None
-    assert loudest.domain == domain
-    (said,) = last.notes()
-    assert f"after {by} pairs" in said.text
-    assert loudest.rms_px > 0.0
+    most_significant = last.most_significant
+    assert most_significant is not None
+    assert most_significant.domain == domain
+    (note,) = last.notes()
+    assert f"after {by} pairs" in note.text
+    assert most_significant.rms_px > 0.0
 
     # Once in a run, whatever figures and domain a later look has.
-    news, warned = new_warnings((said,), frozenset())
+    news, warned = new_warnings((note,), frozenset())
     later = Whiteness(by + 1, (DomainTest("space", 1e-30, 0.1),)).notes()
     assert len(news) == 1
     assert new_warnings(later, warned)[0] == ()
@@ -77,12 +77,12 @@ def test_all_looks_together_spend_what_is_allowed() -> None:
 
 def test_the_published_method_has_no_such_look() -> None:
     pairs = hidden(Conditions(31, calibration=5, tension=0), (), GRID)
-    *_, (begun, _) = followed(pairs, AnalysisSettings(estimate=EstimateSettings(method="sutton2007")))
-    assert pipeline.residual_warning(begun) == ()
+    *_, (state, _) = followed(pairs, AnalysisSettings(estimate=EstimateSettings(method="sutton2007")))
+    assert pipeline.residual_warning(state) == ()
 
 
-def test_values_that_allow_no_look_end_nothing(noise: Said) -> None:
-    begun, _ = noise[4]
-    assert whiteness_test(begun.solution, begun.pairs) is not None
-    assert whiteness_test(begun.solution, begun.pairs[:4]) is None
-    assert np.isfinite(whiteness_test(begun.solution, begun.pairs).where[0].p_value)  # type: ignore[union-attr]
+def test_values_that_allow_no_look_end_nothing(noise: Steps) -> None:
+    state, _ = noise[4]
+    assert whiteness_test(state.solution, state.pairs) is not None
+    assert whiteness_test(state.solution, state.pairs[:4]) is None
+    assert np.isfinite(whiteness_test(state.solution, state.pairs).where[0].p_value)  # type: ignore[union-attr]

@@ -1,4 +1,4 @@
-"""What a load cell does by itself is told from its readings, strain and time; simulated cells are the simulators' own."""
+"""Effects of the load cell itself are found from its readings, strain and time; the cells are simulated."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def test_a_cell_that_reads_what_there_is_has_no_effect(bent_n: float) -> None:
     assert np.mean([entry.where[-1].p_value < 0.05 for entry in found]) < 0.09
 
 
-def test_strains_that_are_all_off_alike_are_no_friction() -> None:
+def test_a_common_strain_offset_is_no_friction() -> None:
     found = [add_load_cell_evidence(NOTHING, readings(seed, shared=2e-5)) for seed in range(100)]
     assert sum(bool(entry.effects) for entry in found) == 0
 
 
-def test_friction_that_was_felt_in_one_direction_is_not_told_from_a_step() -> None:
+def test_friction_in_one_direction_only_is_not_separable_from_a_step() -> None:
     """The first load step is zero as well: no way, and not the other one."""
     found = add_load_cell_evidence(NOTHING, readings(1, FrictionHysteresis(60.0), [0.0, *UP]))
     assert (found.outcome, found.ambiguous) == (Outcome.AMBIGUOUS, ("friction_hysteresis", "refocus_magnification_step"))
@@ -89,8 +89,8 @@ def test_a_load_that_relaxes_is_no_drift_of_its_zero_alone() -> None:
 
 
 def test_what_the_model_has_is_not_named_again() -> None:
-    known = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01, model_effects=(ModelEffect("load_cell_drift", (), 7.0),))
-    assert add_load_cell_evidence(known, readings(1, LoadCellDrift(0.002))).effects == ()
+    with_drift = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01, model_effects=(ModelEffect("load_cell_drift", (), 7.0),))
+    assert add_load_cell_evidence(with_drift, readings(1, LoadCellDrift(0.002))).effects == ()
 
 
 def test_a_clock_that_is_wrong_beyond_what_exporting_takes_has_a_name() -> None:

@@ -1,4 +1,4 @@
-"""Backlash and a bent scale are told from where a stage was sent and where the picture went; other errors of a stage are not."""
+"""Backlash and a nonlinear scale are found from commanded and measured moves; other stage errors are not."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def test_what_a_stage_does_has_a_name(name: str, size: dict[str, float]) -> None
     assert abs(np.mean(away)) < 0.4
 
 
-def test_what_the_model_has_or_too_few_moves_say_nothing() -> None:
-    known = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01, model_effects=(ModelEffect("stage_backlash", (), 0.8),))
-    assert add_stage_evidence(known, moves(1, backlash_px=0.8)).effects == ()
+def test_effects_of_the_model_and_too_few_moves_give_no_finding() -> None:
+    with_backlash = Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.01, model_effects=(ModelEffect("stage_backlash", (), 0.8),))
+    assert add_stage_evidence(with_backlash, moves(1, backlash_px=0.8)).effects == ()
     few = moves(1, backlash_px=5.0)
     assert add_stage_evidence(NOTHING, StageMoves(few.commanded_px[:7], few.fitted_px[:7])) is NOTHING
     still = StageMoves(np.zeros((12, 2)), few.fitted_px[:12])

@@ -132,8 +132,8 @@ def test_a_charged_spot_is_played_as_large_as_it_was_at_the_end_of_the_run(tmp_p
 
 
 def test_what_cannot_be_played_is_reported(tmp_path: Path) -> None:
-    known = {item.name for item in (*EFFECT_CLASSES, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK, OUT_OF_PLANE, *INTENSITY_EFFECTS)}
-    assert set(SIMULATED_EFFECTS) - NAMED_BY_VALUE == known - {"inhomogeneous_strain", "dic_subpixel_bias"}
+    registered = {item.name for item in (*EFFECT_CLASSES, *ROW_DICTIONARY, *MOVES, *LOADS, CLOCK, OUT_OF_PLANE, *INTENSITY_EFFECTS)}
+    assert set(SIMULATED_EFFECTS) - NAMED_BY_VALUE == registered - {"inhomogeneous_strain", "dic_subpixel_bias"}
     with pytest.raises(BadConfig, match="no counterpart"):
         scenario_yaml(model(tmp_path / "model.json", "inhomogeneous_strain"), "paper_x200")
 
@@ -148,5 +148,5 @@ def test_what_cannot_be_played_is_reported(tmp_path: Path) -> None:
         (-0.6, 0.02, ()),
     ],
 )
-def test_a_row_time_that_is_a_whole_part_is_integration(value: float, sigma: float, names: tuple[str, ...]) -> None:
+def test_a_row_time_that_is_an_integer_fraction_is_integration(value: float, sigma: float, names: tuple[str, ...]) -> None:
     assert effect_class("wrong_row_time").alias_rule([ParameterEstimate("row_time_error", value, sigma, "1")]) == names

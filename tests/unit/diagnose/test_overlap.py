@@ -24,17 +24,17 @@ GRID = Grid(101, 101, 60, 12, 10, 43)
 
 
 @pytest.fixture(scope="module")
-def seen() -> Observation:
+def observation() -> Observation:
     return observed(Conditions(77, calibration=5, tension=2), (), GRID, QUICK)
 
 
 @pytest.fixture(scope="module")
-def ladder(seen: Observation) -> HyperparameterGrid:
-    return noise_scaled_baseline(seen)
+def ladder(observation: Observation) -> HyperparameterGrid:
+    return noise_scaled_baseline(observation)
 
 
-def columns(seen: Observation, name: str) -> np.ndarray:
-    law = effect_class(name).basis_field(seen.geometry, {})
+def columns(observation: Observation, name: str) -> np.ndarray:
+    law = effect_class(name).basis_field(observation.geometry, {})
     assert law is not None
     return law.field_px
 
@@ -54,22 +54,24 @@ def root(ladder: HyperparameterGrid) -> np.ndarray:
 def dense(ladder: HyperparameterGrid, root: np.ndarray, field: np.ndarray, law: np.ndarray) -> float:
     """By generalised least squares."""
     both = np.concatenate((field[..., None], law), axis=-1)
-    left = root @ np.moveaxis(ladder.design.whiten(both), 2, 0).reshape(-1, 1 + law.shape[-1])
-    fitted = left[:, 1:] @ np.linalg.lstsq(left[:, 1:], left[:, 0], rcond=1e-5)[0]
-    return float(fitted @ fitted / (left[:, 0] @ left[:, 0]))
+    projected = root @ np.moveaxis(ladder.design.whiten(both), 2, 0).reshape(-1, 1 + law.shape[-1])
+    fitted = projected[:, 1:] @ np.linalg.lstsq(projected[:, 1:], projected[:, 0], rcond=1e-5)[0]
+    return float(fitted @ fitted / (projected[:, 0] @ projected[:, 0]))
 
 
 @pytest.mark.parametrize("other", ["magnification_frame_instability", "aspect_drift", "tilt_with_load"])
-def test_it_is_the_share_that_least_squares_gives(seen: Observation, ladder: HyperparameterGrid, root: np.ndarray, other: str) -> None:
-    field = columns(seen, "magnification_drift")[..., 0]
-    law = columns(seen, other)
+def test_it_is_the_share_that_least_squares_gives(
+    observation: Observation, ladder: HyperparameterGrid, root: np.ndarray, other: str
+) -> None:
+    field = columns(observation, "magnification_drift")[..., 0]
+    law = columns(observation, other)
     assert overlap(ladder, field, law) == pytest.approx(dense(ladder, root, field, law), abs=1e-3)
 
 
 def test_an_effect_takes_over_all_of_itself_and_nothing_of_what_is_in_another_direction(
-    seen: Observation, ladder: HyperparameterGrid
+    observation: Observation, ladder: HyperparameterGrid
 ) -> None:
-    law = columns(seen, "tilt_with_load")
+    law = columns(observation, "tilt_with_load")
     assert overlap(ladder, law[..., 0], law) == pytest.approx(1.0)
     aside = np.zeros_like(law)
     aside[:, :, 0] = law[:, :, 0]

@@ -33,32 +33,32 @@ def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID) -> tuple[Hyp
     return noise_scaled_baseline(observed(Conditions(seed, calibration=5, tension=3), effects, grid)), hidden_values(name, effects[0])
 
 
-def likeliest(bare: HyperparameterGrid, name: str) -> RefinedEffect:
-    (received,) = score_candidates(bare, [effect_class(name)])
-    return refined(bare, received)
+def likeliest(baseline: HyperparameterGrid, name: str) -> RefinedEffect:
+    (received,) = score_candidates(baseline, [effect_class(name)])
+    return refined(baseline, received)
 
 
-def told(found: RefinedEffect) -> dict[str, tuple[float, float]]:
+def values_and_sigmas(found: RefinedEffect) -> dict[str, tuple[float, float]]:
     return {item.name: (item.value, item.sigma) for item in found.parameters}
 
 
 def test_an_amplitude_is_as_uncertain_as_the_onset_that_it_goes_with() -> None:
     off = []
     for seed in (1, 2, 3):
-        bare, truth = hiding("creep_in_hold", 0.3, seed)
-        found = likeliest(bare, "creep_in_hold")
-        value, sigma = told(found)["strain_per_n"]
+        baseline, truth = hiding("creep_in_hold", 0.3, seed)
+        found = likeliest(baseline, "creep_in_hold")
+        value, sigma = values_and_sigmas(found)["strain_per_n"]
         off.append((value - truth["strain_per_n"]) / sigma)
         assert sigma < 0.5 * value
-        assert 0.5 <= told(found)["onset_s"][0] <= 520.0
+        assert 0.5 <= values_and_sigmas(found)["onset_s"][0] <= 520.0
         assert found.parameter_covariance[0, 0] > 2.0 * (found.covariance - found.parameter_covariance)[0, 0]
     assert np.max(np.abs(off)) < 2.6
     assert np.sqrt(np.mean(np.square(off))) < 1.5
 
 
-def test_a_large_jump_between_the_instants_of_the_grid_is_told_as_large_as_it_is() -> None:
-    bare, truth = hiding("drift_jump", 0.5, 2, PAPERS)
-    found = told(likeliest(bare, "drift_jump"))
+def test_a_large_jump_between_grid_instants_has_its_true_size() -> None:
+    baseline, truth = hiding("drift_jump", 0.5, 2, PAPERS)
+    found = values_and_sigmas(likeliest(baseline, "drift_jump"))
     for name, true in truth.items():
         value, sigma = found[name]
         assert value == pytest.approx(true, abs=0.02)
@@ -66,28 +66,28 @@ def test_a_large_jump_between_the_instants_of_the_grid_is_told_as_large_as_it_is
 
 
 def test_refitted_next_to_no_other_an_effect_is_as_large_as_it_was() -> None:
-    bare, _ = hiding("load_step_transient", 0.15, 5)
-    alone = likeliest(bare, "load_step_transient")
-    with_effects = build_grid(bare.design.with_effects(alone.baseline_effect))
-    (beside,) = refit_jointly(with_effects, [alone])
-    assert beside.amplitudes == pytest.approx(alone.amplitudes, rel=1e-3)
-    assert beside.covariance == pytest.approx(alone.covariance, rel=1e-2, abs=1e-3 * float(alone.covariance.max()))
-    assert beside.parameters[-1] == alone.parameters[-1]
+    baseline, _ = hiding("load_step_transient", 0.15, 5)
+    alone = likeliest(baseline, "load_step_transient")
+    with_effects = build_grid(baseline.design.with_effects(alone.baseline_effect))
+    (joint,) = refit_jointly(with_effects, [alone])
+    assert joint.amplitudes == pytest.approx(alone.amplitudes, rel=1e-3)
+    assert joint.covariance == pytest.approx(alone.covariance, rel=1e-2, abs=1e-3 * float(alone.covariance.max()))
+    assert joint.parameters[-1] == alone.parameters[-1]
 
 
 def test_effects_are_refitted_next_to_each_other() -> None:
-    """Creep alone takes what the steps' fading leaves; beside it, it does not."""
+    """Creep alone takes the residual of the fading steps; with both in the model, it does not."""
     names = ("load_step_transient", "creep_in_hold")
     effects = tuple(item for name in names for item in hidden_effect(name, 0.2, 6))
-    bare = noise_scaled_baseline(observed(Conditions(6, calibration=5, tension=3), effects, GRID))
-    found = [likeliest(bare, name) for name in names]
-    with_effects = bare.design
+    baseline = noise_scaled_baseline(observed(Conditions(6, calibration=5, tension=3), effects, GRID))
+    found = [likeliest(baseline, name) for name in names]
+    with_effects = baseline.design
     for item in found:
         with_effects = with_effects.with_effects(item.baseline_effect)
-    beside = refit_jointly(build_grid(with_effects), found)
-    for name, effect, item in zip(names, effects, beside, strict=True):
+    joint = refit_jointly(build_grid(with_effects), found)
+    for name, effect, item in zip(names, effects, joint, strict=True):
         for parameter, true in hidden_values(name, effect).items():
-            value, sigma = told(item)[parameter]
+            value, sigma = values_and_sigmas(item)[parameter]
             assert abs(value - true) < 3.0 * sigma, f"{name} {parameter}: {value} +- {sigma}, hidden {true}"
 
 
@@ -96,23 +96,23 @@ def scaling() -> HyperparameterGrid:
     return hiding("distortion_scale_drift", 0.2, 3)[0]
 
 
-def test_a_law_that_is_a_sum_is_what_its_columns_say(scaling: HyperparameterGrid) -> None:
-    bare = scaling
+def test_a_model_that_is_a_sum_equals_the_sum_of_its_columns(scaling: HyperparameterGrid) -> None:
+    baseline = scaling
     family, values = effect_class("distortion_scale_drift"), dict(zip(AFFINE, (0.4, -0.7, 0.2, 1.1), strict=True))
-    sums = LinearParameterSums.of(bare, family)
-    law = family.basis_field(bare.design.observation.geometry, values)
+    sums = LinearParameterSums.of(baseline, family)
+    law = family.basis_field(baseline.design.observation.geometry, values)
     assert sums is not None
     assert law is not None
-    summed, whole = sums.at(values), project(bare, law.field_px)
+    summed, whole = sums.at(values), project(baseline, law.field_px)
     sizes_px = np.geomspace(0.003, 1.0, 5)
     assert summed.log_factor(sizes_px) == pytest.approx(whole.log_factor(sizes_px), rel=1e-6, abs=1e-6)
     for item, other in zip(sums.at_point(0).at(values).amplitudes(0, 0.1), whole.amplitudes(0, 0.1), strict=True):
         assert item == pytest.approx(other, rel=1e-5, abs=1e-9)
-    assert LinearParameterSums.of(bare, effect_class("thermal_oscillation")) is None
+    assert LinearParameterSums.of(baseline, effect_class("thermal_oscillation")) is None
 
 
 def test_only_what_is_linear_is_a_sum(scaling: HyperparameterGrid) -> None:
-    """Of every family that says so: half way between two values lies the mean of their columns."""
+    """For every family with this property: the mean of the columns of two values lies half way between them."""
     scene = scaling.design.observation.geometry
     for family in (item for item in EFFECT_CLASSES if item.linear_in_parameters):
         for name in (item.name for item in family.nonlinear_parameters):

@@ -35,13 +35,13 @@ WANDER = RandomWalkDrift(0.01, 20_000.0, 60.0, 7)
 HILLS = BaselineDistortionUnderresolved(0.05, 110.0)
 
 
-def told(effects: tuple[Effect, ...], grid: Grid = COARSE) -> Diagnosis:
+def diagnosis_of(effects: tuple[Effect, ...], grid: Grid = COARSE) -> Diagnosis:
     return diagnose(observed(Conditions(71), effects, grid), draws=DRAWS)
 
 
-def wandering(bare: HyperparameterGrid) -> float:
-    assert bare.best.prior_choice is not None
-    return bare.best.prior_choice[0].random_walk_px
+def wandering(baseline: HyperparameterGrid) -> float:
+    assert baseline.best.prior_choice is not None
+    return baseline.best.prior_choice[0].random_walk_px
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def smooth() -> HyperparameterGrid:
     return noise_scaled_baseline(observed(Conditions(71), (), COARSE))
 
 
-def test_a_walk_is_believed_in_where_the_drift_wanders_and_nowhere_else(smooth: HyperparameterGrid) -> None:
+def test_a_random_walk_is_selected_only_where_the_drift_wanders(smooth: HyperparameterGrid) -> None:
     assert wandering(smooth) == 0.0
     walked = noise_scaled_baseline(observed(Conditions(71), (WANDER,), COARSE))
     step_px = 0.01 * np.sqrt(walked.design.observation.state.drift.spline.spacing)  # type: ignore[union-attr]
@@ -58,7 +58,7 @@ def test_a_walk_is_believed_in_where_the_drift_wanders_and_nowhere_else(smooth: 
     assert walked.best.evidence > max(plain) + 50.0
 
 
-def test_drifts_that_could_follow_more_and_explain_less_are_not_asked(smooth: HyperparameterGrid) -> None:
+def test_less_smooth_drifts_that_explain_less_are_not_evaluated(smooth: HyperparameterGrid) -> None:
     beliefs = [item.prior_choice[0] for item in smooth.points if item.prior_choice is not None]
     assert DriftPrior(0.0, 1.0) not in beliefs
     assert all(item.evidence > smooth.best.evidence - 40.0 or item.occam_factor > smooth.best.occam_factor for item in smooth.points)
@@ -71,29 +71,29 @@ def test_a_drift_that_wanders_faster_than_its_knots_is_no_effect() -> None:
 
 
 def test_an_effect_is_named_next_to_a_drift_that_wanders() -> None:
-    found = told((WANDER, *hidden_effect("magnification_drift", 0.4, 1)))
+    found = diagnosis_of((WANDER, *hidden_effect("magnification_drift", 0.4, 1)))
     assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["magnification_drift"])
     assert found.gap is not None
     assert found.gap.closure > 0.7
 
 
 def test_a_distortion_finer_than_its_knots_is_no_effect() -> None:
-    found = told((HILLS,), GRID)
+    found = diagnosis_of((HILLS,), GRID)
     assert (found.outcome, found.effects, found.coarse) == (Outcome.NONE, (), ("baseline_distortion_underresolved",))
 
 
 def test_what_draws_leave_of_held_out_frames_is_what_the_data_leave(smooth: HyperparameterGrid) -> None:
-    """Closure has a floor that is neither above nor below what is left where nothing is missing."""
+    """The floor of closure is neither above nor below the residual of a run without a missing effect."""
     weak = add_model_effects(smooth, [ModelEffect("magnification_drift", (), 0.003)])[0]
     gap = held_out_misfit(smooth, weak, 0)
     assert gap.after_px == pytest.approx(gap.floor_px, rel=0.12)
 
 
-def test_a_row_time_that_is_named_surely_is_not_rejected_for_what_held_out_frames_cannot_know() -> None:
-    bare = noise_scaled_baseline(observed(Conditions(20_013), hidden_effect("wrong_row_time", 0.3, 1), GRID))
-    (received,) = score_candidates(bare, [effect_class("wrong_row_time")])
-    found = refined(bare, received)
-    gap = held_out_misfit(bare, build_grid(bare.design.with_effects(found.baseline_effect)), 0)
+def test_a_significant_row_time_is_not_rejected_by_uninformative_held_out_frames() -> None:
+    baseline = noise_scaled_baseline(observed(Conditions(20_013), hidden_effect("wrong_row_time", 0.3, 1), GRID))
+    (received,) = score_candidates(baseline, [effect_class("wrong_row_time")])
+    found = refined(baseline, received)
+    gap = held_out_misfit(baseline, build_grid(baseline.design.with_effects(found.baseline_effect)), 0)
     assert found.log_factor > 30.0
     assert gap.closure_interval[1] > 0.5
     assert gap.log_odds > 0.0

@@ -31,12 +31,12 @@ def series(seed: int, pairs: int = 4, hz: float = 0.0, size_px: float = 0.0, jit
         )  # fmt: skip
         first, second = (np.sin(item.phase(hz) + phase) for phase in rng.uniform(0.0, 2.0 * np.pi, 2))
         wave = size_px * float(item.observed_wave(hz)) * (second - first) * np.array([1.0, 0.5])[:, None, None]
-        anew = jitter_px * np.sqrt(1.0 + PASSED) * rng.standard_normal((rows, 1)) * np.array([1.0, 0.0])[:, None, None]
-        found.append(replace(item, shift_px=item.shift_px + wave + anew))
+        fresh = jitter_px * np.sqrt(1.0 + PASSED) * rng.standard_normal((rows, 1)) * np.array([1.0, 0.0])[:, None, None]
+        found.append(replace(item, shift_px=item.shift_px + wave + fresh))
     return found
 
 
-def told(found: RowDiagnosis, name: str) -> dict[str, tuple[float, float]]:
+def values_and_sigmas(found: RowDiagnosis, name: str) -> dict[str, tuple[float, float]]:
     (effect,) = [item for item in found.effects if item.name == name]
     return {item.name: (item.value, item.sigma) for item in effect.parameters}
 
@@ -52,7 +52,7 @@ def test_nothing_is_named_where_nothing_is(seed: int) -> None:
 def test_a_wave_is_named_by_its_frequency(hz: float, name: str) -> None:
     found = diagnose_rows(series(5, hz=hz, size_px=0.04))
     assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, [name])
-    parameters = told(found, name)
+    parameters = values_and_sigmas(found, name)
     assert abs(parameters["frequency_hz"][0] - hz) < 4.0 * parameters["frequency_hz"][1] < 0.05
     # What four pairs show of it hangs on eight phases.
     assert abs(parameters["amplitude_x_px"][0] - 0.04) < 3.0 * parameters["amplitude_x_px"][1] < 0.04
@@ -63,14 +63,14 @@ def test_a_wave_is_named_by_its_frequency(hz: float, name: str) -> None:
 def test_jitter_is_found_as_large_as_it_is_and_not_called_a_wave() -> None:
     found = diagnose_rows(series(6, jitter_px=0.2))
     assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["row_jitter"])
-    assert told(found, "row_jitter")["sd_x_px"][0] == pytest.approx(0.2, rel=0.08)  # 1,680 rows know it to 2 %
-    assert told(found, "row_jitter")["sd_y_px"][0] < 0.02
+    assert values_and_sigmas(found, "row_jitter")["sd_x_px"][0] == pytest.approx(0.2, rel=0.08)  # 1,680 rows know it to 2 %
+    assert values_and_sigmas(found, "row_jitter")["sd_y_px"][0] < 0.02
 
 
 def test_a_slow_wave_is_not_called_jitter() -> None:
     found = diagnose_rows(series(7, hz=1.5, size_px=0.3, jitter_px=0.1))
     assert [item.name for item in found.effects] == ["vibration", "row_jitter"]
-    assert told(found, "row_jitter")["sd_x_px"][0] == pytest.approx(0.1, rel=0.1)
+    assert values_and_sigmas(found, "row_jitter")["sd_x_px"][0] == pytest.approx(0.1, rel=0.1)
 
 
 def test_what_the_model_has_is_not_found_again() -> None:

@@ -48,7 +48,7 @@ def test_without_settling_nothing_is_named() -> None:
     assert (verdict.outcome, verdict.laws) == (Outcome.NONE, ())
 
 
-def test_one_setting_leaves_every_law_and_the_best_experiment_varies_pixel_size_and_dwell() -> None:
+def test_one_setting_decides_nothing_and_the_best_experiment_varies_pixel_size_and_dwell() -> None:
     verdict = row_start_law([profile(RowStartLaw.POSITION, ROWS[0], 1, 0)])
     assert (verdict.outcome, set(verdict.laws)) == (Outcome.AMBIGUOUS, set(RowStartLaw))
     best = verdict.experiments[0]
@@ -63,13 +63,13 @@ def test_two_dwell_times_leave_position_and_pixels_and_the_next_experiment_varie
     assert verdict.experiments[0].setting.pixel_nm != ROWS[0][0]
 
 
-def test_the_foretold_odds_of_an_experiment_are_reached() -> None:
-    known = [profile(RowStartLaw.POSITION, setting, 1, seed) for seed, setting in enumerate(ROWS[:2])]
-    foretold = next(e for e in row_start_law(known).experiments if (e.setting.pixel_nm, e.setting.pixel_s) == ROWS[3])
-    after = row_start_law([*known, profile(RowStartLaw.POSITION, ROWS[3], 1, 3)])
+def test_the_forecast_odds_of_an_experiment_are_reached() -> None:
+    profiles = [profile(RowStartLaw.POSITION, setting, 1, seed) for seed, setting in enumerate(ROWS[:2])]
+    proposed = next(e for e in row_start_law(profiles).experiments if (e.setting.pixel_nm, e.setting.pixel_s) == ROWS[3])
+    after = row_start_law([*profiles, profile(RowStartLaw.POSITION, ROWS[3], 1, 3)])
     odds = after.evidence[RowStartLaw.POSITION] - max(after.evidence[law] for law in (RowStartLaw.TIME, RowStartLaw.PIXELS))
     assert after.laws == (RowStartLaw.POSITION,)
-    assert odds > 0.5 * foretold.log_odds
+    assert odds > 0.5 * proposed.log_odds
 
 
 def test_lengths_that_follow_no_law_are_unknown() -> None:

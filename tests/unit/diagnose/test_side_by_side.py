@@ -9,7 +9,7 @@ import pytest
 from semlive.diagnose.parallel import parallel_map
 
 
-def test_results_come_in_the_order_of_what_was_asked() -> None:
+def test_results_have_the_order_of_their_requests() -> None:
     second = threading.Event()
 
     def work(number: int) -> int:

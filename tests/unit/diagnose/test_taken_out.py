@@ -1,4 +1,4 @@
-"""A run with a model: what can be fitted is taken out; else the run goes on, takes nothing out, and says why."""
+"""A run with a model: effects that can be fitted are corrected; otherwise the run continues uncorrected and reports the reason."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NAME = "charging_local_lens"
 PEAK_PX = 0.2
 EFFECT = (ChargingLocalLens(PEAK_PX, 80.0, 0.0, 900.0, ((560.0, 330.0),)),)
 MODEL = EffectModel((ModelEffect(NAME, (("x_px", 560.0 - 511.5), ("y_px", 330.0 - 441.5), ("width_px", 80.0)), 0.2),))
-Said = list[tuple[pipeline.AnalysisState, pipeline.PairResult]]
+Steps = list[tuple[pipeline.AnalysisState, pipeline.PairResult]]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -49,13 +49,13 @@ def charging() -> list[HiddenPair]:
 
 
 @pytest.fixture(scope="module")
-def bare(charging: list[HiddenPair]) -> Said:
+def without_model(charging: list[HiddenPair]) -> Steps:
     """Without a model."""
     return list(followed(charging, AnalysisSettings(estimate=STEADY)))
 
 
 @pytest.fixture(scope="module")
-def modelled(charging: list[HiddenPair]) -> Said:
+def modelled(charging: list[HiddenPair]) -> Steps:
     """With one."""
     return list(followed(charging, AnalysisSettings(estimate=STEADY, model=MODEL)))
 
@@ -66,9 +66,9 @@ def field_of(frame: FrameResult) -> np.ndarray:
     return np.stack((shown.u_px[shown.valid], shown.v_px[shown.valid]), axis=-1)
 
 
-def last_field(begun: pipeline.AnalysisState) -> np.ndarray:
+def last_field(state: pipeline.AnalysisState) -> np.ndarray:
     """The same of the last frame, at the end."""
-    return field_of(pipeline.finalise(begun).frames[-1])
+    return field_of(pipeline.finalise(state).frames[-1])
 
 
 def roughness(frame: FrameResult) -> float:
@@ -76,36 +76,36 @@ def roughness(frame: FrameResult) -> float:
     return float(np.sqrt(np.var(field_of(frame), axis=0).sum()))
 
 
-def test_what_is_told_after_each_pair_is_without_the_effect(modelled: Said, bare: Said) -> None:
+def test_results_after_each_pair_are_corrected_for_the_effect(modelled: Steps, without_model: Steps) -> None:
     assert [any(f"{NAME} taken out" in note.text for note in result.estimate.notes) for _, result in modelled] == [False] * 4 + [True] * 2
     assert "yet: 4 pairs with" in modelled[3][1].estimate.notes[-1].text
-    with_it, without = (roughness(printed[-1][1].frames[1]) for printed in (bare, modelled))
+    with_it, without = (roughness(printed[-1][1].frames[1]) for printed in (without_model, modelled))
     assert without < 0.5 * with_it
 
 
-def test_the_end_is_that_of_all_pairs_at_once(charging: list[HiddenPair], modelled: Said) -> None:
-    *_, begun = pipeline.follow(AnalysisSettings(estimate=STEADY, model=MODEL), ((decided(pair), pair.maps) for pair in charging))
-    assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.apply_effect_model(begun)))
+def test_the_end_is_that_of_all_pairs_at_once(charging: list[HiddenPair], modelled: Steps) -> None:
+    *_, state = pipeline.follow(AnalysisSettings(estimate=STEADY, model=MODEL), ((decided(pair), pair.maps) for pair in charging))
+    assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.apply_effect_model(state)))
 
 
-def test_no_frame_is_told_again_for_strain_that_only_changed_its_name(modelled: Said) -> None:
-    before, (begun, result) = modelled[3][0].reported, modelled[4]
-    sigma = max(item.summary.mean_sigma.eyy for item in begun.reported.values())
+def test_no_frame_is_reported_again_for_strain_that_only_changed_its_name(modelled: Steps) -> None:
+    before, (state, result) = modelled[3][0].reported, modelled[4]
+    sigma = max(item.summary.mean_sigma.eyy for item in state.reported.values())
     # What magnification and distortion had of the spot before, the effect has now.
-    assert begun.model_correction.strain_of(7).eyy > 20.0 * sigma
+    assert state.model_correction.strain_of(7).eyy > 20.0 * sigma
     for item in result.revised_frames:
         old = before[item.summary.frame].summary
         moved = [abs(getattr(item.summary.mean, of) - getattr(old.mean, of)) / getattr(old.mean_sigma, of) for of in ("exx", "eyy", "exy")]
         assert max(moved) > 0.9
 
 
-def test_a_run_of_frames_of_another_size_goes_on_without_the_model(charging: list[HiddenPair], bare: Said) -> None:
+def test_a_run_with_another_frame_size_continues_without_the_model(charging: list[HiddenPair], without_model: Steps) -> None:
     settings = AnalysisSettings(estimate=STEADY, model=EffectModel(MODEL.effects, size_px=(512, 442)))
-    *_, begun = pipeline.follow(settings, ((decided(pair), pair.maps) for pair in charging))
-    begun = pipeline.apply_effect_model(begun)
-    (note,) = begun.model_correction.notes
+    *_, state = pipeline.follow(settings, ((decided(pair), pair.maps) for pair in charging))
+    state = pipeline.apply_effect_model(state)
+    (note,) = state.model_correction.notes
     assert note.message.startswith("WARNING: model: nothing is taken out of the maps: it was found in frames of 512 x 442 px")
-    assert np.array_equal(last_field(begun), last_field(bare[-1][0]))
+    assert np.array_equal(last_field(state), last_field(without_model[-1][0]))
 
 
 def test_what_the_load_cell_does_by_itself_is_taken_off_the_loads() -> None:
@@ -114,8 +114,8 @@ def test_what_the_load_cell_does_by_itself_is_taken_off_the_loads() -> None:
     moduli = {}
     for name, effects in (("as read", ()), ("without drift", (ModelEffect("load_cell_drift", (), 10.0),))):
         settings = AnalysisSettings(specimen=specimen, estimate=STEADY, model=EffectModel(effects))
-        *_, begun = pipeline.follow(settings, ((drifting(decided(pair), 0.02), pair.maps) for pair in pairs))
-        result = pipeline.finalise(pipeline.apply_effect_model(begun))
+        *_, state = pipeline.follow(settings, ((drifting(decided(pair), 0.02), pair.maps) for pair in pairs))
+        result = pipeline.finalise(pipeline.apply_effect_model(state))
         assert result.elastic is not None
         moduli[name] = result.elastic.youngs_modulus_gpa
         printed = [note for note in result.messages if "load_cell_drift" in note] if effects else []
@@ -132,10 +132,10 @@ def drifting(decision: PairDecision, rate_n_s: float) -> PairDecision:
     return replace(decision, loads=(loads[0], loads[1]))
 
 
-def test_more_pairs_than_can_be_fitted_go_on_without_the_model(
-    monkeypatch: pytest.MonkeyPatch, charging: list[HiddenPair], bare: Said, modelled: Said
+def test_more_pairs_than_can_be_fitted_continue_without_the_model(
+    monkeypatch: pytest.MonkeyPatch, charging: list[HiddenPair], without_model: Steps, modelled: Steps
 ) -> None:
     monkeypatch.setattr(effect_correction, "MAX_PAIRS", 5)
-    begun, result = pipeline.add_pair(modelled[4][0], decided(charging[5]), charging[5].maps)
+    state, result = pipeline.add_pair(modelled[4][0], decided(charging[5]), charging[5].maps)
     assert result.estimate.notes[-1].message.startswith("WARNING: model: nothing is taken out of the maps: 6 pairs are more than the 5")
-    assert np.array_equal(last_field(begun), last_field(bare[-1][0]))
+    assert np.array_equal(last_field(state), last_field(without_model[-1][0]))

@@ -37,7 +37,7 @@ from semlive_simulators.microscope.scan import Scan
 
 Field = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 MOVES = tuple((x, y) for x, y in square_px(150.0))[:9]
-SEEN = Grid(200, 200, 60, 11, 9, 43)
+MAP_GRID = Grid(200, 200, 60, 11, 9, 43)
 ASKEW = replace(SCAN, rotation_rad=math.radians(88.0))
 RADIUS_PX, HALF_PX = 360.0, np.array([511.5, 441.5])
 
@@ -46,14 +46,14 @@ def run(seed: int, effects: tuple[Effect, ...], scan: Scan, bent_like: int | Non
     conditions = Conditions(
         seed, pairs, 0, moves_px=MOVES, stage_error_px=0.2, scan=scan, bent_like=bent_like, of_column=True
     )  # fmt: skip
-    return noise_scaled_baseline(observed(conditions, effects, SEEN))
+    return noise_scaled_baseline(observed(conditions, effects, MAP_GRID))
 
 
 def both(seed: int, *effects: Effect, scan: Scan = ASKEW) -> tuple[HyperparameterGrid, HyperparameterGrid]:
     return run(seed, effects, SCAN, None), run(seed + 1000, effects, scan, seed)
 
 
-def told(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
+def values_and_sigmas(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
     assert found.turned is not None
     every = (
         found.turned.angle_rad,
@@ -65,7 +65,7 @@ def told(found: TwoRunVerdict) -> dict[str, tuple[float, float]]:
 
 
 def near(found: tuple[float, float], true: float, within: float) -> bool:
-    """Whether a value is within three of its own sigmas, and those are small enough to tell a sign."""
+    """Whether a value is within three of its own sigmas, and those are small enough to determine its sign."""
     return abs(found[0] - true) < 3.0 * found[1] < 3.0 * within
 
 
@@ -81,7 +81,7 @@ def test_a_distortion_of_the_column_is_nothing(plain: tuple[HyperparameterGrid, 
     assert found.turned is not None
     assert found.turned.follows == "column"
     assert max(factor for _, factor in found.evidence) < 7.0
-    assert near(told(found)["turn_rad"], math.radians(88.0), 2e-3)
+    assert near(values_and_sigmas(found)["turn_rad"], math.radians(88.0), 2e-3)
 
 
 def test_axes_are_named_each_with_its_own_sign() -> None:
@@ -89,21 +89,21 @@ def test_axes_are_named_each_with_its_own_sign() -> None:
     assert found.outcome is Outcome.IDENTIFIED
     assert [entry.name for entry in found.effects] == ["anisotropic_pixel", "scan_nonorthogonality"]
     assert found.effect == found.effects[0]
-    assert near(told(found)["x_excess"], 0.012, 2e-3)
-    assert near(told(found)["skew_rad"], -0.008, 2e-3)
+    assert near(values_and_sigmas(found)["x_excess"], 0.012, 2e-3)
+    assert near(values_and_sigmas(found)["skew_rad"], -0.008, 2e-3)
     assert found.effects[0].peak_px == pytest.approx(0.012 * 511.5, rel=0.3)
 
 
-def test_curved_ramps_are_told_from_a_lens_next_to_them() -> None:
+def test_curved_ramps_are_separated_from_a_lens() -> None:
     found = compare_runs(both(53, ScanNonlinearity(-0.3, 0.2, 0.0)))
     assert [entry.name for entry in found.effects] == ["scan_nonlinearity"]
     assert found.turned is not None
     assert found.turned.follows == "both"
     for name in ("quadratic_x_px", "quadratic_y_px"):
-        assert near(told(found)[name], -0.3, 0.03)
+        assert near(values_and_sigmas(found)[name], -0.3, 0.03)
 
 
-def test_a_scan_that_was_not_turned_is_told_by_its_times(plain: tuple[HyperparameterGrid, HyperparameterGrid]) -> None:
+def test_a_scan_that_was_not_turned_is_recognised_by_its_times(plain: tuple[HyperparameterGrid, HyperparameterGrid]) -> None:
     first, _ = plain
     assert analyse_scan_rotation((first, first)) is None
     with pytest.raises(IllPosed, match="equal scan times"):
@@ -201,16 +201,14 @@ def nothing(at: NDArray[np.float64]) -> NDArray[np.float64]:
     ],
 )
 def test_a_distortion_belongs_where_it_stays(of_column: Field, of_scan: Field, follows: str) -> None:
-    between, known, rng, sigma = turning(90.0), modes(), np.random.default_rng(3), 0.002
+    between, mode_fields, rng, sigma = turning(90.0), modes(), np.random.default_rng(3), 0.002
     observation = []
     for turn in (np.eye(2), between):
-        field = of_column(known.at @ turn) @ turn.T + of_scan(known.at)  # E2(R) = T E1(T^-1 R)
-        exact = known.project(field)[AFFINE:].T
+        field = of_column(mode_fields.at @ turn) @ turn.T + of_scan(mode_fields.at)  # E2(R) = T E1(T^-1 R)
+        exact = mode_fields.project(field)[AFFINE:].T
         observation.append(DiscDistortion(exact + rng.normal(0.0, sigma, exact.shape), sigma**2 * np.eye(exact.size), np.zeros((2, 2))))
-    told_of_axes = (
-        ParameterEstimate(name, value, 1e-3, "1") for name, value in (("turn_rad", 1.57), ("x_excess", 0.02), ("skew_rad", 0.0))
-    )
-    axes = ScanAxes(between, 1e-8 * np.eye(4), *told_of_axes, 20)
+    axes_found = (ParameterEstimate(name, value, 1e-3, "1") for name, value in (("turn_rad", 1.57), ("x_excess", 0.02), ("skew_rad", 0.0)))
+    axes = ScanAxes(between, 1e-8 * np.eye(4), *axes_found, 20)
     found = verdict(axes, fields_of(observation, axes, RADIUS_PX, HALF_PX), HALF_PX)
     assert found.turned is not None
     assert found.turned.follows == follows
@@ -219,11 +217,11 @@ def test_a_distortion_belongs_where_it_stays(of_column: Field, of_scan: Field, f
     assert named == of_axes | ({"scan_nonlinearity"} if follows in ("scan", "both") else set())
     assert found.outcome is (Outcome.UNKNOWN if follows == "neither" else Outcome.IDENTIFIED if named else Outcome.NONE)
     if follows == "both":
-        assert near(told(found)["quadratic_x_px"], 0.2, 0.03)
-        assert near(told(found)["quadratic_y_px"], -0.3, 0.03)
+        assert near(values_and_sigmas(found)["quadratic_x_px"], 0.2, 0.03)
+        assert near(values_and_sigmas(found)["quadratic_y_px"], -0.3, 0.03)
 
 
-def test_the_experiment_asks_for_moves_that_tell() -> None:
+def test_the_proposed_experiment_has_moves_that_separate_the_models() -> None:
     before = {"calibration_shifts_px": [[0.0, 0.0], [8.0, 0.0]], "loads_n": [10.0], "recentre_beyond_px": 5.0}
     protocol = protocol_for(before, ExperimentKind.ROTATED_SCAN)
     shifts = np.array(protocol["calibration_shifts_px"])

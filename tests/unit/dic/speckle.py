@@ -1,6 +1,6 @@
 """Speckle without interpolation: a sum of Gaussian spots, evaluated at the displaced position of every pixel.
 
-A stranger to the engine: numpy only. Every image is exact (but for rounding to grey levels), so what an engine gets wrong is its own.
+Independent of the engine: numpy only. Every image is exact (but for rounding to grey levels), so what an engine gets wrong is its own.
 """
 
 from __future__ import annotations

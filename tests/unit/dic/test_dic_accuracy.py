@@ -38,7 +38,7 @@ def test_sign_a_specimen_that_moves_right_and_down_has_positive_u_and_v(lab, sce
 
 
 @pytest.mark.parametrize("motion", [(55.0, 3.0), (-40.3, -38.6), (2.5, -57.2)])
-def test_large_shifts_are_found_and_lost_points_say_where_they_went(lab, scene, measure, motion):
+def test_large_shifts_are_found_and_lost_points_report_where_they_went(lab, scene, measure, motion):
     u, v = motion
     first, second = lab.expose(scene(), 7.0, 1), lab.expose(scene(lab.Affine(u=u, v=v)), 7.0, 2)
     m = measure(first, second, DicSettings(step_px=6, roi_px=None))
@@ -114,7 +114,7 @@ def test_a_reference_is_prepared_once_and_used_often(lab, scene):
 
 
 def test_after_warm_up_nothing_is_compiled():
-    """A clean pair, one with suspects and torn points, one with a mask, 16 bit: the daemon must not wait for a compiler in use."""
+    """A clean pair, one with suspect and decorrelated points, one with a mask, 16 bit: the daemon must not wait for a compiler in use."""
     script = """
 import importlib, pkgutil, sys
 import cv2, numpy as np
@@ -133,13 +133,13 @@ before = compiled()
 speckle = cv2.GaussianBlur(np.random.default_rng(1).standard_normal((160, 200)), (0, 0), 2.0)
 first = np.clip(128.0 + 280.0 * speckle, 0, 255).astype(np.uint8)
 second = np.roll(first, 1, axis=1)
-torn = second.copy()
-torn[:, 100:] = np.roll(second, 3, axis=0)[:, 100:]
-torn[60:90, 40:60] = 128
+decorrelated = second.copy()
+decorrelated[:, 100:] = np.roll(second, 3, axis=0)[:, 100:]
+decorrelated[60:90, 40:60] = 128
 mask = np.ones(first.shape, dtype=bool)
 mask[:50, :50] = False
 wide = first.astype(np.uint16) * 200, second.astype(np.uint16) * 200
-for pair, hidden in (((first, second), None), ((first, torn), None), ((first, second), mask), (wide, None)):
+for pair, hidden in (((first, second), None), ((first, decorrelated), None), ((first, second), mask), (wide, None)):
     m = dic.match(*pair, settings=settings, mask=hidden)
     print(len(set(m.status.ravel().tolist())), m.valid.mean(), file=sys.stderr)
 print({name: count for name, count in compiled().items() if count != before[name]})

@@ -56,7 +56,7 @@ GOOD = np.random.default_rng(1).integers(0, 255, (80, 90), dtype=np.uint8)
         (GOOD[:40], GOOD[:40], "no subset of 43 px fits"),
     ],
 )
-def test_bad_input_is_one_sentence(reference, current, message):
+def test_bad_input_gives_one_error_line(reference, current, message):
     with pytest.raises(BadInput, match=message) as caught:
         dic.match(reference, current)
     assert "\n" not in str(caught.value)

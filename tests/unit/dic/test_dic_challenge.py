@@ -61,8 +61,8 @@ def test_the_challenges_resolution_is_what_theory_reports_of_a_line(star5):
     assert period[[0, -1]] == pytest.approx([10.0, 299.93], abs=0.01)
     passed = np.sin(np.pi * 17 / period) / (17 * np.sin(np.pi / period))
     rng = np.random.default_rng(1)
-    known = np.where(period < 40.0, np.nan, 0.5 * passed + 0.01 * rng.standard_normal(4000))
-    assert star5.resolution_px(known) == pytest.approx(67.8, rel=0.02)  # the published figure for affine subsets of 17 px
+    profile = np.where(period < 40.0, np.nan, 0.5 * passed + 0.01 * rng.standard_normal(4000))
+    assert star5.resolution_px(profile) == pytest.approx(67.8, rel=0.02)  # the published figure for affine subsets of 17 px
     # A polynomial through what such subsets make of shorter waves, too, runs 5 % flatter.
     assert star5.resolution_px(0.5 * passed) == pytest.approx(71.1, rel=0.01)
     assert np.isnan(star5.resolution_px(np.full(4000, np.nan)))

@@ -11,7 +11,7 @@ SETTINGS = DicSettings(subset_px=31, step_px=9, roi_px=None)
 
 
 @pytest.mark.parametrize(("u", "v"), [(24.3, 0.0), (-18.6, 0.0), (0.4, 21.7), (-9.2, -14.4)])
-def test_what_left_the_frame_is_outside_and_what_stayed_is_measured(lab, scene, u, v):
+def test_points_that_leave_the_frame_are_outside_and_the_others_are_measured(lab, scene, u, v):
     first, second = lab.expose(scene(), 3.0, 1), lab.expose(scene(lab.Affine(u=u, v=v)), 3.0, 2)
     m = dic.match(first, second, settings=SETTINGS)
     x, y = m.grid.mesh()
@@ -24,16 +24,16 @@ def test_what_left_the_frame_is_outside_and_what_stayed_is_measured(lab, scene, 
     assert np.max(np.abs(m.u_px - u)[m.valid]) < 0.1
 
 
-def test_what_is_covered_in_the_current_frame_is_not_believed(lab, scene):
+def test_points_covered_in_the_current_frame_are_rejected(lab, scene):
     second = lab.expose(scene(lab.Affine(u=3.4, v=-1.2)), 3.0, 2)
     second[90:180, 100:210] = 0
     m = dic.match(lab.expose(scene(), 3.0, 1), second, settings=SETTINGS)
     x, y = m.grid.mesh()
-    # of subsets that lie within what is covered nothing is left, of those beside it everything
+    # subsets inside the covered area have no valid pixel, subsets outside of it keep all of theirs
     inside = (np.abs(x + 3.4 - 154.5) < 55 - 16) & (np.abs(y - 1.2 - 134.5) < 45 - 16)
-    beside = (np.abs(x + 3.4 - 154.5) > 55 + 17) | (np.abs(y - 1.2 - 134.5) > 45 + 17)
+    uncovered = (np.abs(x + 3.4 - 154.5) > 55 + 17) | (np.abs(y - 1.2 - 134.5) > 45 + 17)
     assert not m.valid[inside].any()
-    assert np.isin(m.status[beside], [PoiStatus.CONVERGED, PoiStatus.OUTSIDE_IMAGE]).all()
+    assert np.isin(m.status[uncovered], [PoiStatus.CONVERGED, PoiStatus.OUTSIDE_IMAGE]).all()
     assert np.max(np.abs(m.u_px - 3.4)[m.valid]) < 0.5
 
 

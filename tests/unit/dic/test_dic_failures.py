@@ -1,4 +1,4 @@
-"""Every POI that cannot be measured says why, and carries no number."""
+"""Every POI that cannot be measured has a status with the reason, and carries no number."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_a_blank_area_of_the_reference_has_low_contrast(lab, scene, measure, noi
     assert_silent(m)
 
 
-def test_an_area_that_changed_is_not_believed(lab, scene, measure):
+def test_points_of_a_changed_area_are_rejected(lab, scene, measure):
     other = lab.Speckle(300, 260, seed=9).render()
     second = scene(lab.Affine(u=1.5, v=0.5))
     second = np.where((np.abs(np.arange(300) - 150) < 70) & (np.abs(np.arange(260) - 130) < 70)[:, None], other, second)

@@ -67,7 +67,7 @@ def test_large_offsets_and_sixteen_bits_lose_nothing(lab, scene, settings):
 
 
 @pytest.mark.parametrize("options", [{}, {"interpolation": "quintic", "shape_function": "quadratic"}])
-def test_a_shift_by_whole_pixels_shifts_the_result_and_nothing_else(lab, scene, measure, options):
+def test_a_shift_by_integer_pixels_shifts_the_result_and_nothing_else(lab, scene, measure, options):
     settings = DicSettings(step_px=24, roi_px=(60, 60, 240, 200), **options)
     first, second = lab.expose(scene(), 4.0, 1), lab.expose(scene(lab.Affine(u=0.4, v=-0.3)), 4.0, 2)
     here = measure(first, second, settings)
@@ -85,7 +85,7 @@ def test_forth_and_back_cancel(lab, scene, measure):
     assert abs(np.mean(closure)) < 5e-4
 
 
-def test_axes_are_treated_alike(lab, scene, measure):
+def test_both_axes_give_equal_results(lab, scene, measure):
     first, second = lab.expose(scene(), 3.0, 1), lab.expose(scene(lab.Affine(u=0.4, v=-0.3)), 3.0, 2)
     plain = measure(first, second, SETTINGS)
     turned = measure(np.ascontiguousarray(first.T), np.ascontiguousarray(second.T), DicSettings(step_px=24, roi_px=(36, 36, 224, 264)))

@@ -1,4 +1,4 @@
-"""Parts of a frame that may not be used: what is left of a subset is measured, honestly, or the point is MASKED."""
+"""Masked parts of a frame: the unmasked part of a subset is measured with its own uncertainty, or the point is MASKED."""
 
 import numpy as np
 import pytest

@@ -54,7 +54,7 @@ def test_noise_of_an_image_is_estimated_without_its_motion(lab, scene):
 
 
 def test_noise_is_predicted_for_fine_speckle_too(lab):
-    # Speckle of 3.3 px: Sobel sees 0.6 of its gradient, and a third of the information is beyond any smooth gradient.
+    # Speckle of 3.3 px: Sobel returns 0.6 of its gradient, and a third of the information is beyond any smooth gradient.
     speckle = lab.Speckle(160, 140, spot_px=1.0, seed=3)
     settings = DicSettings(subset_px=31, step_px=16, roi_px=(20, 20, 140, 120))
     grid = dic.grid_for(settings, 160, 140)

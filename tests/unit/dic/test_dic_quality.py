@@ -97,7 +97,7 @@ def test_an_empty_frame_is_warned_about_and_no_error():
     assert any("100 % of the points" in text for text in q.warnings)
 
 
-def test_not_an_image_is_one_sentence():
+def test_a_file_that_is_no_image_gives_one_error_line():
     for image in (np.zeros((60, 60)), np.zeros((60, 60, 3), dtype=np.uint8), "image.tif"):
         with pytest.raises(BadInput, match="two-dimensional array of uint8 or uint16"):
             quality(image)

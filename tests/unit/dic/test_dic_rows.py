@@ -103,7 +103,7 @@ def test_jitter_is_found_as_such(lab, scenes, scene, noise, tolerance):
     assert np.mean(found) == pytest.approx(0.030, rel=tolerance)
 
 
-def test_hum_of_a_fiftieth_of_a_pixel_is_seen(lab, scenes):
+def test_hum_of_0_02_px_is_detected(lab, scenes):
     shifts = registered(lab, scenes["hum"], 5.1)
     wave = np.exp(2j * np.pi * 50.0 * 0.1071 * shifts.row_px)
     amplitude = 2.0 * abs(np.mean(shifts.u_px * wave))
@@ -143,7 +143,7 @@ def test_scales_make_instruments_true_derivatives(lab, scenes):
         along_x, along_y = smoothed_gradients(noisy)
         scale_x, scale_y = gradient_scales(noisy, along_x, along_y, float(np.hypot(noise, 12**-0.5)))
         inner = np.s_[5:-5, 5:-5]
-        # Central differences of exact images: 4 % short of the derivative of speckle of this size, as their own smoothing says.
+        # Central differences of exact images: 4 % short of the derivative of speckle of this size, as their own smoothing predicts.
         for instrument, scale, true in ((along_x, scale_x, true_x), (along_y, scale_y, true_y)):
             best = np.vdot(instrument[inner], true[inner]) / np.vdot(instrument[inner], instrument[inner])
             assert scale == pytest.approx(best, rel=0.06)
@@ -174,7 +174,7 @@ def test_result_does_not_depend_on_threads(lab, scenes, monkeypatch):
     assert np.array_equal(first.u_px, second.u_px)
 
 
-def test_bad_input_is_one_sentence(lab, scenes):
+def test_bad_input_gives_one_error_line(lab, scenes):
     first, second = (lab.expose(image) for image in scenes["hum"][:2])
     grid = dic.grid_for(SETTINGS, WIDTH, HEIGHT)
     disparity = dic.correlate(dic.prepare(first, grid, SETTINGS), second, SETTINGS, reference_frame=0, current_frame=1)

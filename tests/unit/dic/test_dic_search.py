@@ -1,4 +1,4 @@
-"""What is known of the motion helps: a regular grid of dots is no riddle if nothing moved by half of its pitch."""
+"""A prior of the motion helps: a regular grid of dots is not ambiguous if nothing moved by half of its pitch."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def dots(u, v, noise, seed, height=260, width=300):
     return np.clip(np.round(grey + noise * np.random.default_rng(seed).standard_normal(grey.shape)), 0, 255).astype(np.uint8)
 
 
-def test_a_grid_of_dots_is_ambiguous_when_nothing_is_known_of_its_motion():
+def test_a_grid_of_dots_is_ambiguous_without_a_motion_prior():
     m = dic.match(dots(0, 0, 3.0, 1), dots(2.3, -3.6, 3.0, 2), settings=DicSettings(**LARGE))
     assert np.all(m.status == PoiStatus.AMBIGUOUS)
 

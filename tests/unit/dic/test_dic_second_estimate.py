@@ -36,7 +36,7 @@ def changed(fine, coarse, seed):
     return np.clip(np.round(200.0 * grey), 0, 65535).astype(np.uint16)
 
 
-def test_points_of_a_changed_surface_are_kept_with_an_honest_uncertainty(lab):
+def test_points_of_a_changed_surface_are_retained_with_a_realistic_uncertainty(lab):
     render = coarse_surface(lab)
     first, second = changed(*render(lab.Affine()), 3), changed(*render(lab.Affine(u=SHIFT[0], v=SHIFT[1])), 4)
     m = dic.match(first, second, settings=SETTINGS)
@@ -83,7 +83,7 @@ def test_bands_decide_on_doubtful_points():
     assert confirm(m, verdict, SecondEstimates(difference, isolated), grid)[1][4, 4] == PoiStatus.LOW_ZNCC
 
 
-def test_noise_that_hides_edges_leaves_doubtful_points_refused():
+def test_doubtful_points_stay_refused_where_noise_hides_edges():
     m = replace(measurements((10, 12)), contrast=np.full((10, 12), 400.0, np.float32))
     verdict = np.full((10, 12), PoiStatus.INCONSISTENT, np.uint8)
     assert is_doubtful(m, verdict, 5.0)

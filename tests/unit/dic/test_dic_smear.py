@@ -1,4 +1,4 @@
-"""Frames that drift smeared unequally: told apart from motion, made alike, and honest about the noise that is left."""
+"""Frames smeared unequally by drift: separated from motion, equalised, with the correct noise of the result."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ def found(lab, frames, noise_grey, smear, seed=0):
     return correlate_with_matched_blur(reference, second, SETTINGS, smear, reference_frame=0, current_frame=2)
 
 
-def test_what_is_lacking_makes_them_alike(lab, frames):
+def test_smearing_the_sharper_frame_makes_both_equal(lab, frames):
     smear = missing_blur(IntegrationBlur(*FAST, SCANS), IntegrationBlur(*SLOW, SCANS))
     assert smear is not None
     assert (smear.step_x_px / smear.step_y_px) == pytest.approx(FAST[0] / FAST[1], rel=0.02)
-    as_they_are, alike = (found(lab, frames, 0.0, item) for item in (None, smear))
+    as_they_are, equalised = (found(lab, frames, 0.0, item) for item in (None, smear))
     assert as_they_are.valid.all()
-    assert alike.valid.all()
-    before, after = (np.std(item.u_px - 3.3) for item in (as_they_are, alike))
+    assert equalised.valid.all()
+    before, after = (np.std(item.u_px - 3.3) for item in (as_they_are, equalised))
     assert before > 0.012
     assert after < 0.25 * before
-    assert abs(np.mean(alike.u_px) - 3.3) < 2e-3
-    assert abs(np.mean(alike.v_px) + 2.7) < 2e-3
+    assert abs(np.mean(equalised.u_px) - 3.3) < 2e-3
+    assert abs(np.mean(equalised.v_px) + 2.7) < 2e-3
 
 
 def test_sigma_is_still_what_is_found(lab, frames):
@@ -92,7 +92,7 @@ def test_a_smeared_wave_is_the_mean_over_the_scans():
     assert blurred(np.full((64, 96), 200, np.uint8), IntegrationBlur(*FAST, SCANS).transfer_function((64, 96))).max() == 200 * 256
 
 
-def test_a_line_of_whole_pixels_has_no_gap_in_its_spectrum():
+def test_a_smear_of_integer_pixels_has_no_gap_in_its_spectrum():
     passed = IntegrationBlur(2.0, 0.0, 4).transfer_function((8, 64))
     line = np.zeros(64)
     line[[61, 63, 1, 3]] = 0.25

@@ -61,7 +61,7 @@ def test_the_global_method_is_taken_where_subsets_lose_points(points, length, ex
     assert chosen(points, measurements(length=length), SUBSET) == (99 if points == 40 else points)  # doubtful below 55
 
 
-def test_the_map_with_more_points_is_kept():
+def test_the_map_with_more_points_is_selected():
     assert chosen(80, measurements(length=0.1), by_field=70) == 80
     assert chosen(40, measurements(), by_field=30) == 99  # of the doubtful points most are confirmed
 

@@ -66,7 +66,7 @@ def test_small_subsets_are_not_refused_for_their_noise(lab, subset_px, shape):
 @pytest.mark.parametrize(
     ("number", "masked", "interpolation"), [(7, False, "cubic"), (17, True, "cubic"), (10, True, "quintic"), (80052, False, "cubic")]
 )
-def test_bands_find_what_the_whole_frame_finds(bench, hard, number, masked, interpolation):
+def test_bands_give_the_result_of_the_complete_frame(bench, hard, number, masked, interpolation):
     s = hard.scene(number)
     mask = ~hard.blobs(np.random.default_rng(number), 0.2) if masked else None
     settings = DicSettings(step_px=12, roi_px=None, interpolation=interpolation, method="subset")
@@ -132,7 +132,7 @@ def test_twenty_percent_of_strain_in_steps(hard, renew):
     assert 0.75 * stated < errors.std() < 1.3 * stated  # 50 independent values know it to 10 %
 
 
-def test_lost_points_return_when_what_hid_them_has_gone(hard):
+def test_lost_points_return_when_their_cover_has_gone(hard):
     rng = np.random.default_rng(5)
     base = hard.texture(rng)
     x, y = np.meshgrid(np.arange(640.0), np.arange(560.0))

@@ -59,7 +59,7 @@ def test_the_null_driver_has_no_settings() -> None:
         (0.0, 0.0, None, "move the specimen about nowhere in the image, then press enter"),
     ],
 )
-def test_a_hand_is_told_in_pixels_and_directions(dx_um: float, dy_um: float, um_per_px: float | None, words: str) -> None:
+def test_a_manual_move_is_prompted_in_pixels_and_directions(dx_um: float, dy_um: float, um_per_px: float | None, words: str) -> None:
     assert by_hand.move_instruction(dx_um, dy_um, StageKind.SPECIMEN, um_per_px) == words
 
 
@@ -85,6 +85,6 @@ def test_a_stage_moved_by_hand_moves_until_it_is_confirmed() -> None:
     stage.close()
 
 
-def test_the_hands_settings_are_checked() -> None:
+def test_settings_of_manual_devices_are_checked() -> None:
     with pytest.raises(BadConfig, match=r"operator stage: um_per_pixel: .*; it has um_per_px, kind"):
         by_hand.open_stage({"um_per_pixel": 1.0}, Clock())

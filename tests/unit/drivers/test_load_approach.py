@@ -61,7 +61,7 @@ def test_a_load_that_goes_the_wrong_way_ends_the_ramp() -> None:
     assert step(ramp, SETTINGS, 50.0, 0.0, TURN_S) == (ramp, None)
 
 
-def test_the_way_is_counted_from_time_where_the_drive_does_not_tell_it() -> None:
+def test_travel_is_computed_from_time_where_the_drive_reports_none() -> None:
     ramp = start(100.0, 10.0, 0.0, 0.0)
     for _ in range(3):
         ramp, go = step(ramp, SETTINGS, 0.0, 0.0, TURN_S)

@@ -30,7 +30,7 @@ from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint, StageMa
         (RegisterPoint(Kind.INPUT, 0, DType.I64, scale=1e-6), (0xFFFF, 0xFFFF, 0xFFFF, 0xFFFE), -2e-6),
     ],
 )
-def test_known_registers_are_known_values_both_ways(point: RegisterPoint, registers: tuple[int, ...], value: float) -> None:
+def test_reference_registers_decode_and_encode_to_reference_values(point: RegisterPoint, registers: tuple[int, ...], value: float) -> None:
     assert decode(point, registers) == pytest.approx(value)
     assert encode(point, value) == registers
 

@@ -27,7 +27,7 @@ class Clock:
         return time.monotonic_ns()
 
 
-class Desk:
+class Terminal:
     """A console that a test types into."""
 
     def __init__(self) -> None:
@@ -43,8 +43,8 @@ class Desk:
 
 
 @pytest.fixture
-def desk() -> Iterator[Desk]:
-    made = Desk()
+def terminal() -> Iterator[Terminal]:
+    made = Terminal()
     yield made
     made.leaves()
 
@@ -57,52 +57,54 @@ def until(true: object) -> None:
         time.sleep(0.002)
 
 
-def test_who_overhears_takes_lines_before_they_answer(desk: Desk) -> None:
+def test_an_answer_source_takes_lines_before_a_prompt(terminal: Terminal) -> None:
     taken: list[str] = []
-    desk.console.add_answer_source(lambda line: line == "stop" and not taken.append(line))
-    desk.types("stop")
+    terminal.console.add_answer_source(lambda line: line == "stop" and not taken.append(line))
+    terminal.types("stop")
     until(lambda: taken == ["stop"])  # nobody has asked anything yet
     answered: list[str] = []
-    desk.console.ask("done?", lambda line: not answered.append(line))
-    desk.types("stop")
-    desk.types("yes")
+    terminal.console.ask("done?", lambda line: not answered.append(line))
+    terminal.types("stop")
+    terminal.types("yes")
     until(lambda: answered)
     assert (taken, answered) == (["stop", "stop"], ["yes"])
 
 
-def test_a_hand_brings_a_load_and_types_it(desk: Desk) -> None:
-    frame = open_load_frame({"program": "MICROTEST", "arrived_n": 2.0}, Clock(), console=desk.console)
+def test_a_hand_brings_a_load_and_types_it(terminal: Terminal) -> None:
+    frame = open_load_frame({"program": "MICROTEST", "arrived_n": 2.0}, Clock(), console=terminal.console)
     assert isinstance(frame, LoadFrame)
     assert frame.identity.stop_on_link_loss is StopOnLinkLoss.ASSUMED
     assert (frame.identity.control, frame.identity.measures_extension) == (ControlMode.MANUAL, False)
     assert frame.order_problem(100.0, 2.0) is None
     assert "a load that is no number cannot be requested" in str(frame.order_problem(float("nan"), 2.0))
     frame.ramp_to(100.0, 2.0)
-    assert desk.shown == ["in MICROTEST, bring the load to 100 N at 2 N/s, then hold; type the load in N and press enter when it is there"]
+    assert terminal.shown == [
+        "in MICROTEST, bring the load to 100 N at 2 N/s, then hold; type the load in N and press enter when it is there"
+    ]
     assert frame.read().motion is MotionState.MOVING
-    desk.types("ninety")
-    desk.types("90,5")
-    until(lambda: len(desk.shown) == 3)
-    assert desk.shown[1] == "ninety is no load; type the load in N as MICROTEST shows it"
-    assert desk.shown[2] == "that is -9.5 N from 100 N; bring it nearer and type it again"
+    terminal.types("ninety")
+    terminal.types("90,5")
+    until(lambda: len(terminal.shown) == 3)
+    assert terminal.shown[1] == "ninety is no load; type the load in N as MICROTEST shows it"
+    assert terminal.shown[2] == "that is -9.5 N from 100 N; bring it nearer and type it again"
     assert (frame.read().force_n, frame.read().motion) == (90.5, MotionState.MOVING)
-    desk.types("99.2")
+    terminal.types("99.2")
     until(lambda: frame.read().motion is MotionState.STOPPED)
     sample = frame.read()
     assert (sample.force_n, sample.target_n) == (99.2, 100.0)
     frame.ramp_to(200.0, 2.0)
     assert frame.stop_blind()
-    assert desk.shown[-1] == "STOP the motion in MICROTEST and hold"
+    assert terminal.shown[-1] == "STOP the motion in MICROTEST and hold"
     assert frame.read().motion is MotionState.STOPPED
     frame.close()
 
 
-def test_a_file_reports_the_load_and_when_it_is_there(desk: Desk, tmp_path: Path) -> None:
+def test_a_file_reports_the_load_and_when_it_is_there(terminal: Terminal, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("Time (s);Force (kN);Extension (mm)\n0,0;0,010;0,00\n", encoding="latin-1")
     file = {"file": str(path), "decimal_comma": True, "encoding": "latin-1", "frozen_after_s": 100.0}
     file |= {"force": {"column": "Force (kN)", "unit": "kN"}, "extension": {"column": 3, "unit": "mm"}}
-    frame = open_load_frame({"load_file": file}, Clock(), console=desk.console)
+    frame = open_load_frame({"load_file": file}, Clock(), console=terminal.console)
     assert frame.read().force_n == pytest.approx(10.0)
     frame.ramp_to(50.0, 1.0)
     with path.open("a", encoding="latin-1") as grown:
@@ -113,7 +115,7 @@ def test_a_file_reports_the_load_and_when_it_is_there(desk: Desk, tmp_path: Path
         grown.write("48;0,02\n")
     frame.read()
     assert frame.read().motion is MotionState.STOPPED
-    assert desk.shown[-1] == "the load is 50 N; hold it there"
+    assert terminal.shown[-1] == "the load is 50 N; hold it there"
     frame.close()
 
 
@@ -170,28 +172,28 @@ def test_what_is_wrong_with_a_file_is_reported(file: dict[str, object], error: t
         open_assembled({"cell": {"protocol": "csv", **file}}, Clock())
 
 
-def test_a_trigger_asks_the_operator(desk: Desk) -> None:
-    trigger = open_trigger({}, Clock(), console=desk.console)
+def test_a_trigger_asks_the_operator(terminal: Terminal) -> None:
+    trigger = open_trigger({}, Clock(), console=terminal.console)
     assert isinstance(trigger, Trigger)
     trigger.scan_once()
     trigger.close()
-    assert desk.shown == ["scan one frame now and save it into the export folder"]
+    assert terminal.shown == ["scan one frame now and save it into the export folder"]
 
 
-def test_a_line_goes_to_whoever_asked_last(desk: Desk) -> None:
+def test_a_line_goes_to_the_latest_prompt(terminal: Terminal) -> None:
     received: list[str] = []
-    desk.console.ask("first?", lambda line: received.append(f"first {line}") is None)
-    desk.console.ask("second?", lambda line: received.append(f"second {line}") is None)
+    terminal.console.ask("first?", lambda line: received.append(f"first {line}") is None)
+    terminal.console.ask("second?", lambda line: received.append(f"second {line}") is None)
     for line in ("a", "b", "c"):
-        desk.types(line)
+        terminal.types(line)
     until(lambda: len(received) == 2)
     assert received == ["second a", "first b"]
 
 
-def test_a_stop_is_displayed_as_long_as_the_load_of_the_file_changes_after_arrival(desk: Desk, tmp_path: Path) -> None:
+def test_a_stop_is_displayed_as_long_as_the_load_of_the_file_changes_after_arrival(terminal: Terminal, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("Force (N)\n0.0\n", encoding="utf-8")
-    frame = open_load_frame({"load_file": {"file": str(path), "force": {"column": "Force"}}}, Clock(), console=desk.console)
+    frame = open_load_frame({"load_file": {"file": str(path), "force": {"column": "Force"}}}, Clock(), console=terminal.console)
     frame.ramp_to(50.0, 30.0)
     with path.open("a", encoding="utf-8") as grown:
         for load_n in (48.0, 55.0, 70.0):
@@ -200,7 +202,7 @@ def test_a_stop_is_displayed_as_long_as_the_load_of_the_file_changes_after_arriv
             frame.read()
     assert frame.read().motion is MotionState.STOPPED  # the load had arrived, and nothing was requested since
     frame.stop()
-    assert desk.shown[-1] == "STOP the motion in the load frame's program and hold"
+    assert terminal.shown[-1] == "STOP the motion in the load frame's program and hold"
     assert frame.read().motion is MotionState.MOVING
     time.sleep(0.6)
     assert frame.read().motion is MotionState.STOPPED

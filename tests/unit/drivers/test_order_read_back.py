@@ -1,4 +1,4 @@
-"""What a device holds of the last order, beside what was written: differences are named, healthy devices raise no alarm."""
+"""The stored order of a device compared with the written order: differences are named, healthy devices raise no alarm."""
 
 from __future__ import annotations
 
@@ -118,9 +118,9 @@ def test_the_order_of_an_earlier_process_is_compared_in_its_values_and_may_be_ro
 def test_points_are_read_together_or_each_for_itself() -> None:
     names = ("target", "rate")
     assert groups_of(names, POINTS, 123, together=True) == [(("target", "rate"), Block(Kind.HOLDING, 10, 3))]
-    apart = [(("target",), Block(Kind.HOLDING, 10, 1)), (("rate",), Block(Kind.HOLDING, 12, 1))]
-    assert groups_of(names, POINTS, 123, together=False) == apart
-    assert groups_of(names, POINTS, 2, together=True) == apart
+    separate_blocks = [(("target",), Block(Kind.HOLDING, 10, 1)), (("rate",), Block(Kind.HOLDING, 12, 1))]
+    assert groups_of(names, POINTS, 123, together=False) == separate_blocks
+    assert groups_of(names, POINTS, 2, together=True) == separate_blocks
 
 
 def test_a_jump_of_the_devices_own_target_is_named_and_a_drift_is_not() -> None:

@@ -71,7 +71,7 @@ def test_a_right_map_makes_sense_and_is_not_proved_without_the_panel() -> None:
     assert not diagnosed(registers, force="123.46", extension="0").proved
 
 
-@pytest.mark.parametrize("described", [{}, LOW], ids=["as described", "low word first, as a wrong advice said"])
+@pytest.mark.parametrize("described", [{}, LOW], ids=["as described", "low word first, as wrong advice"])
 def test_an_address_off_by_one_is_found_whatever_order_the_map_states(described: Mapping[str, RegisterPoint]) -> None:
     verdict, observation, advice = order_of(diagnosed(inputs(0, *f32(FORCE_N), *f32(EXTENSION_MM)), described))
     assert verdict is Verdict.FAILED
@@ -100,7 +100,7 @@ def test_where_two_layouts_give_the_same_values_both_are_named_and_how_to_decide
     ],
     ids=["table", "words", "bytes"],
 )
-def test_table_words_and_bytes(registers: dict[Register, int], words: str) -> None:
+def test_register_and_byte_order_table(registers: dict[Register, int], words: str) -> None:
     verdict, observation, _ = order_of(diagnosed(registers))
     assert verdict is Verdict.FAILED
     assert words in observation
@@ -142,7 +142,7 @@ def test_a_panel_that_shows_something_else_is_no_proof() -> None:
     assert any("no address, number format or scale" in finding.observation for finding in found.findings)
 
 
-def test_zeros_say_nothing() -> None:
+def test_zeros_give_no_layout() -> None:
     found = diagnosed({})
     assert order_of(found)[0] is Verdict.UNKNOWN
     assert not found.proved

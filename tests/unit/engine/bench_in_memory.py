@@ -58,10 +58,10 @@ def frame(
     export: int, start_ns: int, *, frame_s: float = 90.0, sigma_s: float = 0.3, width_px: int = 1024, dwell_s: float = 1e-4
 ) -> FrameInfo:
     """A frame that was scanned from `start_ns` on."""
-    known = Provenance.FILE
-    timing = ScanTiming(Sourced(dwell_s, known), Sourced(frame_s / 884, known), Sourced(frame_s, known), Sourced(1, known))
-    pixel = Sourced(1.25e-6, known)
-    return FrameInfo(export, f"frame{export:04}.tif", "fei", width_px, 884, 0, timing, Sourced(start_ns, known), sigma_s, pixel)
+    source = Provenance.FILE
+    timing = ScanTiming(Sourced(dwell_s, source), Sourced(frame_s / 884, source), Sourced(frame_s, source), Sourced(1, source))
+    pixel = Sourced(1.25e-6, source)
+    return FrameInfo(export, f"frame{export:04}.tif", "fei", width_px, 884, 0, timing, Sourced(start_ns, source), sigma_s, pixel)
 
 
 @dataclass
@@ -81,47 +81,47 @@ class Run:
     stage_goal_um: tuple[float, float] | None = None
     target_n: float = 0.0
     exports: int = 0
-    deaf: bool = False
+    unresponsive: bool = False
     crosshead_mm: float = 0.0
     """Moves with ordered ramps only: a force that is set by hand is a load that relaxed."""
 
     def __post_init__(self) -> None:
         self.state = start(self.plan, self.now_ns)
 
-    def tell(self, event: Event) -> tuple[Command, ...]:
+    def send(self, event: Event) -> tuple[Command, ...]:
         """One event; its commands are obeyed and kept."""
         self.state, given = step(self.state, event)
         self.commands.extend(given)
         for command in given:
             match command:
-                case RampTo(force_n=force_n) if not self.deaf:
+                case RampTo(force_n=force_n) if not self.unresponsive:
                     self.load_goal_n = self.target_n = force_n
-                    self.tell(CommandAcknowledged(self.now_ns, Device.LOAD_FRAME))
-                case MoveStage(x_um=x_um, y_um=y_um) if not self.deaf:
+                    self.send(CommandAcknowledged(self.now_ns, Device.LOAD_FRAME))
+                case MoveStage(x_um=x_um, y_um=y_um) if not self.unresponsive:
                     self.stage_goal_um = (x_um, y_um)
-                    self.tell(CommandAcknowledged(self.now_ns, Device.STAGE))
+                    self.send(CommandAcknowledged(self.now_ns, Device.STAGE))
                 case StopMotion():
                     self.load_goal_n = self.stage_goal_um = None
         return given
 
     def begin(self) -> None:
         """Up to the first step."""
-        self.tell(LinksOpening(self.now_ns))
+        self.send(LinksOpening(self.now_ns))
         self.readings()
-        self.tell(LinksReady(self.now_ns, IDENTITY if self.has_load else None, IDENTITY if self.has_stage else None))
+        self.send(LinksReady(self.now_ns, IDENTITY if self.has_load else None, IDENTITY if self.has_stage else None))
         self.readings()
-        self.tell(OperatorAction(self.now_ns, OperatorCommand.START))
+        self.send(OperatorAction(self.now_ns, OperatorCommand.START))
 
     def readings(self) -> None:
         """One sample of each device."""
         if self.has_load:
-            self.tell(LoadReading(self.now_ns, self.load_sample()))
+            self.send(LoadReading(self.now_ns, self.load_sample()))
         if self.has_stage:
             moving = MotionState.STOPPED if self.stage_goal_um is None else MotionState.MOVING
-            self.tell(StageReading(self.now_ns, StageSample(0, self.now_ns, 0, *self.xy_um, moving)))
+            self.send(StageReading(self.now_ns, StageSample(0, self.now_ns, 0, *self.xy_um, moving)))
 
     def load_sample(self) -> LoadSample:
-        """What the load frame says now."""
+        """The present state of the load frame."""
         moving = MotionState.STOPPED if self.load_goal_n is None else MotionState.MOVING
         return LoadSample(0, self.now_ns, 0, self.force_n, self.crosshead_mm, moving, self.target_n)
 
@@ -139,7 +139,7 @@ class Run:
             if self.stage_goal_um is not None:
                 self.xy_um, self.stage_goal_um = self.stage_goal_um, None
             self.readings()
-            self.tell(Tick(self.now_ns))
+            self.send(Tick(self.now_ns))
 
     def reach(self, state: State, within_s: float = 200.0) -> None:
         """Let time pass until a state is reached."""
@@ -154,7 +154,7 @@ class Run:
         self.force_n = 0.0
         self.wait(1.0)
         for _ in range(2):
-            self.tell(OperatorAction(self.now_ns, OperatorCommand.RESUME))
+            self.send(OperatorAction(self.now_ns, OperatorCommand.RESUME))
 
     def scan(self, start_ns: int | None = None, **kwargs: float) -> FrameInfo:
         """Scan a frame from `start_ns` (now) on, let its time pass, and export it."""
@@ -164,7 +164,7 @@ class Run:
             self.wait(1.0)
             info = replace(info, start_time_ns=Sourced(self.now_ns, Provenance.FILE))
         self.wait((info.end_time_ns - self.now_ns) / 1e9 + 1.5)
-        self.tell(FrameScanned(self.now_ns, info))
+        self.send(FrameScanned(self.now_ns, info))
         self.wait(2.0)
         return info
 
@@ -189,5 +189,5 @@ class Run:
 
 
 def without_stage_tolerance(hold: HoldRule) -> HoldRule:
-    """A rule that believes any stage."""
+    """A rule that accepts any stage."""
     return replace(hold, stage_tolerance_um=1e9)

@@ -38,8 +38,8 @@ class Machine:
         while t < seconds + rest_s:
             if t_order is not None and moving and t - t_order >= self.delay_s:
                 step = self.rate_n_s * poll_s
-                left = self.target_n - self.force_n
-                if self.ends and abs(left) <= step:
+                remaining_n = self.target_n - self.force_n
+                if self.ends and abs(remaining_n) <= step:
                     self.force_n, moving = self.target_n, False
                 else:
                     self.force_n += math.copysign(step, self.target_n - self.force_n) if self.ends else step
@@ -77,7 +77,7 @@ def first_finding(
 
 
 def frozen_from(t0_s: float) -> Callable[[float, float], float]:
-    """A reading that stands still from `t0_s` after the order."""
+    """A reading that is frozen from `t0_s` after the order."""
     stored: list[float] = []
 
     def shown(force_n: float, t_s: float) -> float:
@@ -90,7 +90,7 @@ def frozen_from(t0_s: float) -> Callable[[float, float], float]:
 
 
 def all_frozen_from(t0_s: float) -> Machine:
-    """A device whose measurements all stand still from `t0_s` after the order, while it goes on."""
+    """A device whose measurements are all frozen from `t0_s` after the order, while it continues to move."""
     stored: list[float] = []
 
     def shown(force_n: float, t_s: float) -> float:
@@ -102,5 +102,5 @@ def all_frozen_from(t0_s: float) -> Machine:
 
 
 def stepped(lsb_mm: float) -> Callable[[float], float]:
-    """An extension sensor that shows whole steps."""
+    """An extension sensor with a coarse resolution."""
     return lambda mm: round(mm / lsb_mm) * lsb_mm

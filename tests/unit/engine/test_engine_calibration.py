@@ -30,7 +30,7 @@ def gated(*stops: tuple[tuple[float, float], float | None]) -> Plan:
 
 
 def pair(run: Run, refused: str | None = None) -> None:
-    """A pair, and what the estimate says some seconds later."""
+    """A pair, and its estimate some seconds later."""
     run.reach(State.IMAGING)
     run.scan()
     run.scan()
@@ -40,7 +40,7 @@ def pair(run: Run, refused: str | None = None) -> None:
 
 
 def judge(run: Run, refused: str) -> None:
-    run.tell(CalibrationAssessed(run.now_ns, len(run.accepted) - 1, refused))
+    run.send(CalibrationAssessed(run.now_ns, len(run.accepted) - 1, refused))
 
 
 def calibrated(refused: str | None, *, warm_up: WarmUp | None = None) -> Run:
@@ -67,13 +67,13 @@ def test_the_load_waits_for_the_newest_pairs_judgement() -> None:
     assert [item.cause for item in run.of(Transition)].count(Cause.CALIBRATION_CHECK) == 1
 
 
-def test_a_refused_calibration_pauses_with_its_figures_and_the_operators_word_loads_all_the_same() -> None:
+def test_a_refused_calibration_pauses_with_its_figures_and_the_operator_can_load_anyway() -> None:
     run = calibrated(WHY)
     assert run.state.state is State.PAUSED
     assert run.state.calibration_question_open
     assert run.state.message == f"the calibration is refused: {WHY}; resume loads the specimen nevertheless, or stop"
     assert run.of(RampTo) == []
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
     assert not run.state.calibration_question_open
@@ -81,9 +81,9 @@ def test_a_refused_calibration_pauses_with_its_figures_and_the_operators_word_lo
 
 def test_a_pause_while_it_waits_does_not_open_the_gate() -> None:
     run = calibrated(None)
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.PAUSE))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.PAUSE))
     assert not run.state.calibration_question_open
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert run.state.state is State.CALIBRATION_GATE
     judge(run, WHY)
     assert run.state.state is State.PAUSED
@@ -106,7 +106,7 @@ def test_the_warm_up_gate_comes_after_it() -> None:
     for refused in ("", WHY):
         run = calibrated(refused, warm_up=WarmUp(0.01, 1800.0))
         if refused:
-            run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+            run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
         assert [item.after for item in run.of(Transition)].count(State.WARM_UP) == 1
         assert run.of(RampTo) == []
 
@@ -123,9 +123,9 @@ def test_an_interrupted_run_asks_again_unless_it_was_loaded() -> None:
         )
         run.load_goal_n = run.stage_goal_um = None
         run.state = start(plan, run.now_ns, interrupted_run=before)
-        run.tell(LinksOpening(run.now_ns))
+        run.send(LinksOpening(run.now_ns))
         run.readings()
-        run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
-        run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+        run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+        run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
         assert (run.state.state is State.PAUSED) == (pairs == 2), run.state.state
         assert run.state.gates.calibration_passed == (pairs == 3)

@@ -23,7 +23,7 @@ def recentring(*shifts_px: tuple[float, float], beyond_px: float = 1.0) -> Plan:
 
 
 def astray_px(plan: Plan, step: int, drift_px: tuple[float, float]) -> tuple[float, float]:
-    """Where the field lies beside where the plan wants it, with the drift since frame 0."""
+    """Offset of the field from its planned position, with the drift since frame 0."""
     (x_um, y_um), (x_px, y_px) = plan.steps[step].shift_um, plan.steps[step].shift_px
     return x_um / UM_PER_PX + drift_px[0] - x_px, y_um / UM_PER_PX + drift_px[1] - y_px
 
@@ -39,10 +39,10 @@ def test_a_run_takes_back_what_the_drift_carried_away() -> None:
         run.scan()
         now, first = run.state.plan.steps[pair].shift_um, plan.steps[0].shift_um
         moved = tuple((at - began) / UM_PER_PX + off for at, began, off in zip(now, first, drift, strict=True))
-        run.tell(FieldOfViewMeasured(run.now_ns, pair, (moved[0], moved[1])))
-        # The analysis of a pair ends after the next step began: what is left is the drift of two pairs.
-        left = [off - before for off, before in zip(drift, drift_px[max(0, pair - 2)], strict=True)]
-        assert astray_px(run.state.plan, pair, drift) == pytest.approx(left if pair > 1 else drift)
+        run.send(FieldOfViewMeasured(run.now_ns, pair, (moved[0], moved[1])))
+        # The analysis of a pair ends after the next step began: the remaining offset is the drift of two pairs.
+        remaining = [off - before for off, before in zip(drift, drift_px[max(0, pair - 2)], strict=True)]
+        assert astray_px(run.state.plan, pair, drift) == pytest.approx(remaining if pair > 1 else drift)
     assert run.state.state is State.COMPLETE
     moves = [(round(move.x_um - 7.0, 6), round(move.y_um + 3.0, 6)) for move in run.of(MoveStage)]
     assert moves == [(2.0, 0.0), (6.0, 0.0), (6.0, -4.0), (-3.0, 4.5), (-5.5, 8.0)]
@@ -52,11 +52,11 @@ def test_without_the_rule_or_without_a_pair_the_plan_stays() -> None:
     plan = recentring(HERE, (8.0, 0.0))
     assert recentre(plan, LIMITS, 1, None) is plan
     assert recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 1, (50.0, 0.0))) is plan  # a step's own pair cannot be known yet
-    left_alone = replace(plan, recentring=None)
-    assert recentre(left_alone, LIMITS, 1, FieldOfViewMeasured(0, 0, (50.0, 0.0))) is left_alone
+    not_recentred = replace(plan, recentring=None)
+    assert recentre(not_recentred, LIMITS, 1, FieldOfViewMeasured(0, 0, (50.0, 0.0))) is not_recentred
 
 
-def test_a_field_that_lies_well_is_left_where_it_is() -> None:
+def test_a_well_centred_field_is_not_moved() -> None:
     plan = recentring(HERE, (8.0, 0.0), (16.0, 0.0), beyond_px=5.0)
     assert recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (4.9, -4.9))) == plan
     once = recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (5.1, -4.9)))
@@ -65,10 +65,10 @@ def test_a_field_that_lies_well_is_left_where_it_is() -> None:
     assert stored.steps[2].shift_um == pytest.approx((8.0 - 2.55, 2.45)), "what was taken back before stays taken back"
 
 
-@pytest.mark.parametrize(("seen_px", "target_um"), [(900.0, -100.0), (-900.0, 100.0)])
-def test_the_field_is_not_chased_beyond_the_limits(seen_px: float, target_um: float) -> None:
+@pytest.mark.parametrize(("offset_px", "target_um"), [(900.0, -100.0), (-900.0, 100.0)])
+def test_the_field_is_not_chased_beyond_the_limits(offset_px: float, target_um: float) -> None:
     plan = recentring(HERE, (8.0, 0.0))
-    assert recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (seen_px, 0.0))).steps[1].shift_um == (target_um, 0.0)
+    assert recentre(plan, LIMITS, 1, FieldOfViewMeasured(0, 0, (offset_px, 0.0))).steps[1].shift_um == (target_um, 0.0)
 
 
 def test_a_plan_beyond_the_limits_is_refused_as_before() -> None:

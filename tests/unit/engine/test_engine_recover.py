@@ -1,4 +1,4 @@
-"""A run that is taken up again: what is asked, what is believed, and where the stage's zero is."""
+"""A resumed run: what it asks the operator, which readings it accepts, and where the zero of the stage is."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ PLAN = plan_of((HERE, 100.0), ((6.0, 0.0), 200.0), (HERE, 400.0))
 
 
 def interrupted(pairs: int, plan: object = PLAN, until: State = State.IMAGING) -> tuple[Run, InterruptedRun]:
-    """A run in memory that died in a state after so many pairs, and what its log would tell."""
+    """A run in memory that died in a state after so many pairs, and the content of its log."""
     run = Run(plan)  # type: ignore[arg-type]
     run.begin()
     for _ in range(pairs):
@@ -56,9 +56,9 @@ def taken_up(run: Run, before: InterruptedRun) -> Run:
     """A new engine for the same machine, asked up to where it asks."""
     run.commands.clear()
     run.state = start(run.plan, run.now_ns, interrupted_run=before)
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(LinksReady(run.now_ns, IDENTITY if run.has_load else None, IDENTITY if run.has_stage else None))
+    run.send(LinksReady(run.now_ns, IDENTITY if run.has_load else None, IDENTITY if run.has_stage else None))
     return run
 
 
@@ -75,7 +75,7 @@ def test_it_asks_first_and_then_enters_the_step_again_in_full(pairs: int, state:
     assert run.of(MoveStage) == run.of(RampTo) == run.accepted == []
     assert changed_since(run.state) is None
     assert f"begins step {pairs + 1} again" in run.state.message
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert State.RAMPING in run.path
     for pair in range(pairs, len(PLAN.steps)):
         run.reach(State.IMAGING)
@@ -92,12 +92,12 @@ def test_a_run_without_stage_needs_none() -> None:
     run.begin()
     run.reach(State.HOLDING)
     taken_up(run, InterruptedRun((), None, run.state.devices.load, None))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
 
 
-def test_after_its_last_pair_nothing_is_asked_of_any_device() -> None:
+def test_after_the_last_pair_no_device_is_queried() -> None:
     run, before = interrupted(3)
     taken_up(run, before)
     assert run.state.state is State.COMPLETE
@@ -105,12 +105,12 @@ def test_after_its_last_pair_nothing_is_asked_of_any_device() -> None:
     assert len(run.of(FinishRun)) == 1
 
 
-def test_a_load_or_a_stage_that_is_elsewhere_is_told() -> None:
+def test_a_changed_load_or_stage_position_is_reported() -> None:
     run, before = interrupted(1)
     run.force_n -= 30.0
     assert "the load is 170.0 N now, and was 200.0 N" in taken_up(run, before).state.message
     assert fault_of(run) is FaultCode.MOVED_AT_REST
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert run.state.state is State.RESUMING
     assert "look first: the load is 170.0 N now, and was 200.0 N" in run.state.message
     run, before = interrupted(1)
@@ -126,25 +126,25 @@ def fault_of(run: Run) -> FaultCode | None:
     return run.of(Transition)[-1].code
 
 
-@pytest.mark.parametrize(("change_mm", "as_left"), [(0.005, True), (-0.04, False), (0.04, False)])
-def test_an_extension_that_is_elsewhere_at_the_same_load_is_a_fault(change_mm: float, as_left: bool) -> None:
+@pytest.mark.parametrize(("change_mm", "unchanged"), [(0.005, True), (-0.04, False), (0.04, False)])
+def test_an_extension_that_is_elsewhere_at_the_same_load_is_a_fault(change_mm: float, unchanged: bool) -> None:
     run, before = interrupted(1)
     run.crosshead_mm += change_mm
     taken_up(run, before)
-    if as_left:
+    if unchanged:
         assert run.state.state is State.RESUMING
     else:
         assert fault_of(run) is FaultCode.MOVED_AT_REST
         assert "the extension is" in run.state.message
 
 
-@pytest.mark.parametrize(("change_mm", "as_left"), [(0.005, True), (0.5, True), (-0.04, False)])
-def test_a_crosshead_that_was_on_its_way_may_be_further_on_it_and_not_behind(change_mm: float, as_left: bool) -> None:
+@pytest.mark.parametrize(("change_mm", "unchanged"), [(0.005, True), (0.5, True), (-0.04, False)])
+def test_a_crosshead_that_was_on_its_way_may_be_further_on_it_and_not_behind(change_mm: float, unchanged: bool) -> None:
     run, before = interrupted(1, until=State.RAMPING)
     before = replace(before, load=LoadSample(0, T0, 0, 120.0, 0.024, MotionState.MOVING, 200.0), position=None)
     run.load_goal_n = None
     run.force_n, run.crosshead_mm = 160.0, 0.024 + change_mm
-    assert (changed_since(taken_up(run, before).state) is None) is as_left
+    assert (changed_since(taken_up(run, before).state) is None) is unchanged
 
 
 @pytest.mark.parametrize(("cleared", "code"), [(False, FaultCode.FOREIGN_ORDER), (True, FaultCode.DEVICE_RESTARTED)])
@@ -152,55 +152,55 @@ def test_a_device_that_does_not_hold_the_last_order_is_a_fault_before_the_first_
     run, before = interrupted(1)
     run.commands.clear()
     run.state = start(run.plan, run.now_ns, interrupted_run=before)
-    run.tell(LinksOpening(run.now_ns))
-    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N", orders_cleared=cleared)))
+    run.send(LinksOpening(run.now_ns))
+    run.send(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N", orders_cleared=cleared)))
     assert fault_of(run) is code
     assert len(run.of(StopMotion)) == 1
     run.readings()
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))  # before it is known which devices the run has
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))  # before it is known which devices the run has
     assert run.state.state is State.FAULT
     assert "cannot resume: the devices and the analysis are not ready yet" in run.state.message
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     assert run.state.state is State.FAULT
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert run.state.state is State.RESUMING
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert State.RAMPING in run.path
 
 
 def test_a_new_run_has_no_order_to_compare() -> None:
     run = Run(PLAN)
-    run.tell(LinksOpening(run.now_ns))
-    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N")))
+    run.send(LinksOpening(run.now_ns))
+    run.send(LoadReading(run.now_ns, replace(run.load_sample(), order_changed="its target holds 0 N")))
     assert run.state.state is State.CONNECTING
 
 
-@pytest.mark.parametrize(("device", "as_left"), [(Device.LOAD_FRAME, False), (Device.STAGE, True)])
-def test_a_load_frame_that_was_found_moving_is_no_machine_as_the_log_left_it(device: Device, as_left: bool) -> None:
+@pytest.mark.parametrize(("device", "unchanged"), [(Device.LOAD_FRAME, False), (Device.STAGE, True)])
+def test_a_load_frame_that_was_found_moving_does_not_match_the_log(device: Device, unchanged: bool) -> None:
     run, before = interrupted(1, until=State.RAMPING)
     run.commands.clear()
     run.load_goal_n = None
     run.state = start(run.plan, run.now_ns, interrupted_run=before)
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(DeviceStopped(run.now_ns, device, "it moved before it was told to"))
+    run.send(DeviceStopped(run.now_ns, device, "it moved before it was commanded"))
     assert run.state.state is State.CONNECTING
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     assert run.state.state is State.RESUMING
-    assert (changed_since(run.state) is None) is as_left
-    assert ("look first: the load frame was still moving" in run.state.message) is not as_left
+    assert (changed_since(run.state) is None) is unchanged
+    assert ("look first: the load frame was still moving" in run.state.message) is not unchanged
 
 
 def test_a_new_run_does_not_begin_on_a_machine_that_was_found_moving() -> None:
     run = Run(PLAN)
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "it moved before it was told to"))
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.START))
+    run.send(DeviceStopped(run.now_ns, Device.LOAD_FRAME, "it moved before it was commanded"))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.START))
     assert run.state.state is State.FAULT
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert run.state.state is State.RAMPING
 
 
@@ -208,17 +208,17 @@ def test_a_load_that_was_on_its_way_may_be_anywhere_on_it() -> None:
     run, before = interrupted(1, until=State.RAMPING)
     before = replace(before, load=LoadSample(0, T0, 0, 120.0, 0.0, MotionState.MOVING, 200.0), position=None, ramping=False)
     run.load_goal_n = None
-    for force_n, as_left in ((120.0, True), (160.0, True), (205.0, True), (100.0, False), (220.0, False)):
+    for force_n, unchanged in ((120.0, True), (160.0, True), (205.0, True), (100.0, False), (220.0, False)):
         run.force_n = force_n
-        assert (changed_since(taken_up(run, before).state) is None) is as_left, force_n
+        assert (changed_since(taken_up(run, before).state) is None) is unchanged, force_n
 
 
-def test_what_is_asked_once_is_not_held_against_a_later_fault() -> None:
+def test_a_confirmed_difference_does_not_affect_a_later_fault() -> None:
     run, before = interrupted(1)
     run.force_n -= 30.0
     taken_up(run, before)
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert State.RAMPING in run.path
     assert changed_since(run.state) is None
 
@@ -227,25 +227,25 @@ def test_a_watchdog_that_stopped_the_machine_is_acknowledged_once_and_a_fault_th
     run, before = interrupted(1)
     run.commands.clear()
     run.state = start(PLAN, run.now_ns, interrupted_run=before)
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     for _ in range(3):
         sick = replace(run.load_sample(), motion=MotionState.FAULT)
-        run.tell(LoadReading(run.now_ns, sick))
+        run.send(LoadReading(run.now_ns, sick))
     assert len(run.of(StopMotion)) == 1
     run.readings()
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     assert run.state.state is State.RESUMING
-    run.tell(LoadReading(run.now_ns + 1, replace(run.load_sample(), motion=MotionState.FAULT, time_ns=run.now_ns + 1)))
+    run.send(LoadReading(run.now_ns + 1, replace(run.load_sample(), motion=MotionState.FAULT, time_ns=run.now_ns + 1)))
     assert run.state.state is State.FAULT
 
 
-def test_the_field_is_brought_back_from_where_the_last_pair_saw_it() -> None:
+def test_the_field_is_recentred_from_its_position_in_the_last_pair() -> None:
     plan = replace(PLAN, recentring=Recentre(threshold_px=1.0, um_per_px=1.0))
     run, before = interrupted(1)
     done = replace(before.completed_pairs[0], step=replace(before.completed_pairs[0].step, shift_um=(2.0, 0.0)))
     run.plan = plan
     taken_up(run, replace(before, completed_pairs=(done,), field_of_view=FieldOfViewMeasured(T0, 0, (-5.0, 0.0))))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     # The pair's own correction counts: 2 um then, and 5 px more are to be made good.
     assert run.of(MoveStage)[-1].x_um == pytest.approx(7.0 + 6.0 + 2.0 + 5.0)
 

@@ -56,7 +56,7 @@ def test_a_frame_that_arrives_while_holding() -> None:
     run = Run(plan_of((HERE, 200.0)))
     run.begin()
     run.reach(State.HOLDING)
-    run.tell(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
+    run.send(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
     assert "before the hold of step 1 ended" in only_reason(run)
 
 
@@ -68,25 +68,25 @@ def test_a_frame_that_arrives_before_the_hold(state: State, why: str) -> None:
     run = Run(plan_of((HERE, 200.0)))
     run.begin()
     run.reach(state)
-    run.tell(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
+    run.send(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
     assert only_reason(run) == f"frame0000.tif is not used: {why} when it arrived"
 
 
 def test_a_frame_outside_of_all_steps() -> None:
     run = Run(plan_of((HERE, 200.0)))
-    run.tell(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
+    run.send(FrameScanned(run.now_ns, frame(0, run.now_ns - 92 * S)))
     assert "no step was being imaged (the run is idle)" in only_reason(run)
 
 
 def test_a_frame_from_a_sem_whose_clock_is_ahead(imaging: Run) -> None:
-    imaging.tell(FrameScanned(imaging.now_ns, frame(0, imaging.now_ns + 3600 * S)))
+    imaging.send(FrameScanned(imaging.now_ns, frame(0, imaging.now_ns + 3600 * S)))
     imaging.wait(1.0)
     assert "its scan ended 3689.1 s after it arrived; set the SEM's clock" in only_reason(imaging)
 
 
 def test_the_same_frame_twice(imaging: Run) -> None:
     info = imaging.scan()
-    imaging.tell(FrameScanned(imaging.now_ns, replace(info, export=1, name="copy.tif")))
+    imaging.send(FrameScanned(imaging.now_ns, replace(info, export=1, name="copy.tif")))
     imaging.wait(1.0)
     assert "copy.tif is not used: it does not follow frame0000.tif" in only_reason(imaging)
 
@@ -119,21 +119,23 @@ def test_kinds_differ_by_each_of_their_settings() -> None:
 
 
 def test_settings_of_the_column_differ_by_name() -> None:
-    known = Provenance.FILE
-    column = ColumnSettings(Sourced("ETD", known), Sourced(5e3, known), Sourced(0.01, known), Sourced(200.0, known), Sourced(0.0, known))
+    source = Provenance.FILE
+    column = ColumnSettings(
+        Sourced("ETD", source), Sourced(5e3, source), Sourced(0.01, source), Sourced(200.0, source), Sourced(0.0, source)
+    )
     a = replace(frame(0, 0), column=column)
     for change, words in (
-        (replace(column, detector=Sourced("BSD", known)), "detector BSD instead of ETD"),
-        (replace(column, voltage_v=Sourced(1e4, known)), "voltage 10000 V instead of 5000 V"),
-        (replace(column, magnification=Sourced(250.0, known)), "magnification 250 x instead of 200 x"),
-        (replace(column, scan_rotation_deg=Sourced(90.0, known)), "scan rotation 90 degrees instead of 0 degrees"),
+        (replace(column, detector=Sourced("BSD", source)), "detector BSD instead of ETD"),
+        (replace(column, voltage_v=Sourced(1e4, source)), "voltage 10000 V instead of 5000 V"),
+        (replace(column, magnification=Sourced(250.0, source)), "magnification 250 x instead of 200 x"),
+        (replace(column, scan_rotation_deg=Sourced(90.0, source)), "scan rotation 90 degrees instead of 0 degrees"),
     ):
         assert difference(a, replace(a, column=change)) == words
-    refocused = replace(a, column=replace(column, working_distance_m=Sourced(0.011, known)))
+    refocused = replace(a, column=replace(column, working_distance_m=Sourced(0.011, source)))
     assert difference(a, refocused) is None  # from step to step the focus may follow the specimen
-    passes = replace(a.timing, line_integrations=Sourced(2, known))
+    passes = replace(a.timing, line_integrations=Sourced(2, source))
     assert difference(a, replace(a, timing=passes)) == "2 passes over each line instead of 1"
-    longer = replace(a.timing, frame_time_s=Sourced(95.0, known))
+    longer = replace(a.timing, frame_time_s=Sourced(95.0, source))
     assert difference(a, replace(a, timing=longer)) == "frame time 95 s instead of 90 s"
 
 
@@ -143,7 +145,7 @@ def test_focus_that_is_changed_inside_a_pair_costs_its_first_frame(imaging: Run)
         info = frame(number, imaging.now_ns)
         imaging.wait(92.0)
         column = ColumnSettings(working_distance_m=Sourced(distance_m, Provenance.FILE))
-        imaging.tell(FrameScanned(imaging.now_ns, replace(info, column=column)))
+        imaging.send(FrameScanned(imaging.now_ns, replace(info, column=column)))
         imaging.wait(1.0)
     assert only_reason(imaging) == "frame0000.tif is not used: the frame after it has working distance 0.011 m instead of 0.01 m"
 
@@ -154,13 +156,13 @@ def test_tilt_correction_that_is_switched_on_inside_a_pair_costs_its_first_frame
         info = frame(number, imaging.now_ns)
         imaging.wait(92.0)
         geometry = ScanGeometry(tilt_correction=Sourced(is_on, Provenance.FILE))
-        imaging.tell(FrameScanned(imaging.now_ns, replace(info, geometry=geometry)))
+        imaging.send(FrameScanned(imaging.now_ns, replace(info, geometry=geometry)))
         imaging.wait(1.0)
     assert only_reason(imaging) == "frame0000.tif is not used: the frame after it has tilt correction on instead of off"
     assert imaging.accepted == []
 
 
-def test_a_load_that_leaves_tolerance_costs_the_pair_its_first_frame(imaging: Run) -> None:
+def test_a_load_out_of_tolerance_costs_the_pair_its_first_frame(imaging: Run) -> None:
     imaging.scan()
     imaging.force_n = 189.0
     imaging.wait(1.0)
@@ -169,11 +171,11 @@ def test_a_load_that_leaves_tolerance_costs_the_pair_its_first_frame(imaging: Ru
     assert imaging.accepted == []
 
 
-def test_a_frame_waits_until_the_load_at_the_end_of_its_scan_is_known(imaging: Run) -> None:
+def test_a_frame_waits_until_the_load_at_the_end_of_its_scan_is_measured(imaging: Run) -> None:
     imaging.scan()
     info = frame(9, imaging.now_ns)
     imaging.wait(90.0)
-    imaging.tell(FrameScanned(imaging.now_ns + S, info))
+    imaging.send(FrameScanned(imaging.now_ns + S, info))
     assert imaging.accepted == []
     imaging.force_n = 150.0
     imaging.now_ns += S
@@ -186,8 +188,8 @@ def test_no_frame_is_judged_on_stale_samples(imaging: Run) -> None:
     imaging.scan()
     info = frame(9, imaging.now_ns)
     imaging.wait(92.0)
-    imaging.tell(LinkStale(imaging.now_ns, Device.LOAD_FRAME))
-    imaging.tell(FrameScanned(imaging.now_ns, info))
+    imaging.send(LinkStale(imaging.now_ns, Device.LOAD_FRAME))
+    imaging.send(FrameScanned(imaging.now_ns, info))
     assert imaging.accepted == imaging.refusals == []
     imaging.wait(1.0)
     assert len(imaging.accepted) == 1
@@ -197,7 +199,7 @@ def test_the_hold_does_not_end_on_stale_samples() -> None:
     run = Run(plan_of((HERE, 200.0)), has_stage=False)
     run.begin()
     run.reach(State.HOLDING)
-    run.tell(LinkStale(run.now_ns, Device.LOAD_FRAME))
+    run.send(LinkStale(run.now_ns, Device.LOAD_FRAME))
     run.has_load = False
     run.wait(60.0)
     assert run.state.state is State.HOLDING
@@ -208,21 +210,21 @@ def test_the_hold_does_not_end_on_stale_samples() -> None:
 
 def test_pausing_costs_the_pair_its_first_frame(imaging: Run) -> None:
     imaging.scan()
-    imaging.tell(OperatorAction(imaging.now_ns, OperatorCommand.PAUSE))
+    imaging.send(OperatorAction(imaging.now_ns, OperatorCommand.PAUSE))
     assert only_reason(imaging) == "frame0000.tif is not used: paused by the operator while imaging"
-    imaging.tell(FrameScanned(imaging.now_ns, frame(8, imaging.now_ns - 92 * S)))
+    imaging.send(FrameScanned(imaging.now_ns, frame(8, imaging.now_ns - 92 * S)))
     assert "the run was paused" in imaging.refusals[1]
 
 
-def test_an_unreadable_file_is_refused_in_its_own_words(imaging: Run) -> None:
+def test_an_unreadable_file_is_refused_with_its_own_message(imaging: Run) -> None:
     imaging.scan()
-    imaging.tell(FrameUnreadable(imaging.now_ns, 1, "frame0001.tif is cut off after 3 of 884 rows; export it again"))
+    imaging.send(FrameUnreadable(imaging.now_ns, 1, "frame0001.tif is cut off after 3 of 884 rows; export it again"))
     imaging.scan()
     assert only_reason(imaging) == "frame0001.tif is cut off after 3 of 884 rows; export it again"
     assert len(imaging.accepted) == 1
 
 
-def test_a_pair_whose_load_is_forgotten_is_refused_instead_of_inventing_a_load(imaging: Run) -> None:
+def test_a_pair_without_a_stored_load_is_refused_instead_of_inventing_a_load(imaging: Run) -> None:
     imaging.scan()
     devices = imaging.state.devices
     devices = replace(devices, history=replace(devices.history, chunks=(), tail=()))

@@ -55,7 +55,7 @@ def test_a_load_that_somebody_raised_in_the_hold_is_a_fault_and_is_not_driven_ba
     assert codes(run) == [FaultCode.MOVED_AT_REST]
     assert run.of(StopMotion)
     for _ in range(2):
-        run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+        run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     assert len(run.of(RampTo)) == ramps
     assert "the plan does not unload here" in run.state.message
 
@@ -78,7 +78,7 @@ def test_a_load_that_relaxes_at_a_resting_crosshead_is_approached_again() -> Non
 
 
 @pytest.mark.parametrize("loads_n", [(300.0,), (100.0, 300.0)])
-def test_a_force_that_stands_still_while_the_crosshead_moves_is_a_fault(loads_n: tuple[float, ...]) -> None:
+def test_a_constant_force_while_the_crosshead_moves_is_a_fault(loads_n: tuple[float, ...]) -> None:
     run = held(*loads_n)
     run.crosshead_mm = 395.0 / 5000
     run.wait(2.0)
@@ -145,9 +145,9 @@ def test_a_ramp_that_ended_far_from_its_target_is_a_fault() -> None:
 
 def test_a_ramp_that_the_reading_does_not_show_at_all_is_not_ordered_again() -> None:
     run = FrameByHand(plan_of((HERE, 20.0)))
-    run.deaf = True
+    run.unresponsive = True
     run.begin()
-    run.tell(CommandAcknowledged(run.now_ns, Device.LOAD_FRAME))
+    run.send(CommandAcknowledged(run.now_ns, Device.LOAD_FRAME))
     run.wait(20.0)
     assert codes(run) == [FaultCode.NO_RESPONSE]
     assert len(run.of(RampTo)) == 1
@@ -163,7 +163,7 @@ def test_a_calibration_under_load_is_refused_before_it_begins() -> None:
     run.force_n = 5.0
     run.wait(1.0)
     for _ in range(2):
-        run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+        run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.HOLDING)
 
 
@@ -177,11 +177,11 @@ def test_an_intended_preload_is_reported_in_the_limits() -> None:
 
 def test_a_device_that_moves_on_after_the_stop_is_waited_for() -> None:
     run = held(300.0)
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.STOP))
     run.moving = True
     run.wait(60.0)
     assert run.state.state is State.STOPPING
     assert "press its emergency stop" in run.state.message
     run.moving = False
-    run.tell(LoadReading(run.now_ns + S, replace(run.load_sample(), time_ns=run.now_ns + S)))
+    run.send(LoadReading(run.now_ns + S, replace(run.load_sample(), time_ns=run.now_ns + S)))
     assert run.state.state is State.ABORTED

@@ -1,4 +1,4 @@
-"""Whole runs through the engine: the order of things, holds, frames."""
+"""Complete runs through the engine: order of actions, holds, frames."""
 
 from __future__ import annotations
 
@@ -49,17 +49,17 @@ def test_the_stage_moves_before_the_load_and_never_next_to_it() -> None:
     run.reach(State.IMAGING)
     run.scan()
     done = len(run.commands)
-    run.tell(_second_frame(run))
+    run.send(_second_frame(run))
     motions = [c for c in run.commands[done:] if isinstance(c, MoveStage | RampTo)]
     assert motions == [MoveStage(17.0, 2.0)]
     run.stage_goal_um = None
-    run.tell(StageReading(run.now_ns, StageSample(0, run.now_ns, 0, 12.0, 2.0, MotionState.MOVING)))
+    run.send(StageReading(run.now_ns, StageSample(0, run.now_ns, 0, 12.0, 2.0, MotionState.MOVING)))
     assert run.of(RampTo) == [RampTo(0.0, 50.0)]
     # A reading of the instant of the acknowledgement may be from before the motion: it does not show an arrival.
-    run.tell(StageReading(run.now_ns, StageSample(0, run.now_ns, 0, 17.0, 2.0, MotionState.STOPPED)))
+    run.send(StageReading(run.now_ns, StageSample(0, run.now_ns, 0, 17.0, 2.0, MotionState.STOPPED)))
     assert run.of(RampTo) == [RampTo(0.0, 50.0)]
     run.now_ns += 1
-    run.tell(StageReading(run.now_ns, StageSample(0, run.now_ns, 0, 17.0, 2.0, MotionState.STOPPED)))
+    run.send(StageReading(run.now_ns, StageSample(0, run.now_ns, 0, 17.0, 2.0, MotionState.STOPPED)))
     assert run.of(RampTo)[-1] == RampTo(400.0, 50.0)
 
 
@@ -81,7 +81,7 @@ def test_the_hold_is_exactly_thirty_seconds_from_settled() -> None:
     assert progress(run.state).hold_remaining_s is None
 
 
-def test_a_load_that_leaves_tolerance_begins_settling_and_the_hold_again() -> None:
+def test_a_load_out_of_tolerance_restarts_settling_and_hold() -> None:
     run = Run(plan_of((HERE, 200.0)))
     run.begin()
     run.reach(State.HOLDING)
@@ -111,7 +111,7 @@ def test_a_load_that_relaxed_out_of_tolerance_is_approached_again_three_times_th
 
 
 def test_a_device_that_never_takes_the_command_times_out() -> None:
-    run = Run(plan_of((HERE, 200.0)), deaf=True)
+    run = Run(plan_of((HERE, 200.0)), unresponsive=True)
     run.begin()
     run.wait(299.0)
     assert run.state.state is State.RAMPING
@@ -131,7 +131,7 @@ def test_a_run_without_load_frame_and_stage_only_takes_pairs() -> None:
     assert run.of(RampTo) == run.of(MoveStage) == []
 
 
-def test_a_step_without_load_leaves_the_load_alone_but_wants_it_steady() -> None:
+def test_a_step_without_load_orders_no_load_but_requires_a_steady_one() -> None:
     run = Run(plan_of((HERE, None)), force_n=123.0)
     run.begin()
     run.reach(State.HOLDING)
@@ -172,7 +172,7 @@ def test_a_triggered_run_asks_for_each_frame() -> None:
     assert run.of(TriggerFrame) == []
     run.wait(1.0)
     assert len(run.of(TriggerFrame)) == 1
-    run.tell(FrameUnreadable(run.now_ns, 5, "frame0005.tif is cut off"))
+    run.send(FrameUnreadable(run.now_ns, 5, "frame0005.tif is cut off"))
     assert len(run.of(TriggerFrame)) == 2
     assert run.refusals == ["frame0005.tif is cut off"]
     run.scan()
@@ -202,12 +202,12 @@ def test_the_operator_reads_what_a_step_is() -> None:
 def test_a_load_counts_as_reached_only_after_its_own_command_was_taken() -> None:
     run = Run(plan_of(((10.0, 0.0), 5.0)))
     run.begin()
-    run.deaf = True
+    run.unresponsive = True
     run.wait(1.0)
     assert run.of(RampTo) == [RampTo(5.0, 50.0)]
     run.wait(20.0)
     assert run.state.state is State.RAMPING
-    run.tell(CommandAcknowledged(run.now_ns, Device.LOAD_FRAME))
+    run.send(CommandAcknowledged(run.now_ns, Device.LOAD_FRAME))
     run.wait(0.5)
     assert run.state.state is State.SETTLING
 

@@ -28,7 +28,7 @@ def test_every_state_but_the_first_is_reached_and_every_one_but_the_last_is_left
     assert {cause for _, cause in TRANSITIONS} == set(Cause)
 
 
-def test_only_ramping_follows_on_the_operators_word_or_the_protocols() -> None:
+def test_only_ramping_continues_on_a_command_of_operator_or_protocol() -> None:
     into = {(state, cause) for (state, cause), after in TRANSITIONS.items() if after is State.RAMPING}
     assert into == {
         (State.READY, Cause.START),

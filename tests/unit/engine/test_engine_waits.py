@@ -1,4 +1,4 @@
-"""The warm-up gate before the first load, and holds that last until things are quiet."""
+"""The warm-up gate before the first load, and holds that last until the drift rate is low."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def pair(run: Run, rate_px_s: float, sigma_px_s: float = 0.0) -> None:
 
 
 def foresee(run: Run, rate_px_s: float, sigma_px_s: float = 0.0) -> None:
-    run.tell(DriftForecastUpdated(run.now_ns, len(run.accepted) - 1, ((run.now_ns, rate_px_s, sigma_px_s),)))
+    run.send(DriftForecastUpdated(run.now_ns, len(run.accepted) - 1, ((run.now_ns, rate_px_s, sigma_px_s),)))
 
 
 def test_nothing_is_loaded_before_the_drift_is_expected_to_be_slow() -> None:
@@ -94,19 +94,19 @@ def test_the_gate_may_be_before_the_calibration() -> None:
     assert run.state.state is State.COMPLETE
 
 
-def test_after_its_longest_wait_it_asks_and_the_operators_word_opens_the_gate() -> None:
+def test_after_its_longest_wait_the_gate_prompts_and_the_operator_opens_it() -> None:
     run = Run(gated((HERE, None), (HERE, 100.0)))
     run.begin()
     while run.state.state is not State.PAUSED:
         pair(run, 0.02, 0.003)
     assert "after 30 min of warming up the drift is expected to be 1.2 +- 0.18 px/min; resume continues nevertheless" in run.state.message
     assert run.of(RampTo) == []
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 100.0
 
 
-def test_a_forecast_that_never_comes_is_asked_about() -> None:
+def test_a_missing_forecast_prompts_the_operator() -> None:
     run = Run(gated((HERE, None), (HERE, 100.0)))
     run.begin()
     run.reach(State.IMAGING)
@@ -131,8 +131,8 @@ def test_a_fault_while_warming_up_does_not_open_the_gate() -> None:
     assert run.force_n == 100.0
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
+@pytest.mark.parametrize("forecast_given", [True, False])
+def test_an_interrupted_warm_up_continues(forecast_given: bool) -> None:
     plan = gated((HERE, None), (HERE, 100.0))
     run = Run(plan)
     run.begin()
@@ -143,7 +143,7 @@ def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
         (7.0, -3.0),
         run.state.devices.load,
         run.state.devices.position,
-        drift_forecast=run.state.analysis.drift_forecast if known else None,
+        drift_forecast=run.state.analysis.drift_forecast if forecast_given else None,
     )
     run.state = start(plan, run.now_ns, interrupted_run=before)
     assert [(item.step, item.warm_up, item.load_n) for item in run.state.plan.steps] == [
@@ -151,11 +151,11 @@ def test_an_interrupted_warm_up_goes_on(known: bool) -> None:
         (1, True, None),
         (2, False, 100.0),
     ]
-    run.tell(LinksOpening(run.now_ns))
+    run.send(LinksOpening(run.now_ns))
     run.readings()
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
-    if not known:
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+    if not forecast_given:
         assert run.state.state is State.WARM_UP
         foresee(run, 0.04)
     pair(run, 0.001)
@@ -179,27 +179,27 @@ def held_s(run: Run) -> float:
     longest=st.floats(30.0, 120.0),
     rates=st.lists(st.floats(0.0, 0.1), min_size=5, max_size=5),
     relaxes=st.floats(0.0, 0.5),
-    quiet_s=st.floats(1.0, 60.0),
+    settled_s=st.floats(1.0, 60.0),
     limits=st.sampled_from([(0.02, None), (None, 0.05), (0.02, 0.05)]),
 )
 def test_a_hold_is_never_shorter_than_it_must_be_nor_longer_than_it_may(
-    longest: float, rates: list[float], relaxes: float, quiet_s: float, limits: tuple[float | None, float | None]
+    longest: float, rates: list[float], relaxes: float, settled_s: float, limits: tuple[float | None, float | None]
 ) -> None:
     run = Run(replace(plan_of((HERE, 100.0)), adaptive_hold=AdaptiveHold(longest, *limits)))
     run.begin()
     run.reach(State.HOLDING)
-    foreseen = DriftForecastUpdated(run.now_ns, 0, tuple((run.now_ns + n * 20 * S, rate, 0.0) for n, rate in enumerate(rates)))
-    run.tell(foreseen)
+    forecast = DriftForecastUpdated(run.now_ns, 0, tuple((run.now_ns + n * 20 * S, rate, 0.0) for n, rate in enumerate(rates)))
+    run.send(forecast)
     began_ns = run.now_ns
     while run.state.state is State.HOLDING:
         # The load creeps more and more slowly, within its tolerance of 10 N.
         elapsed_s = (run.now_ns - began_ns) / S
-        run.force_n = 100.0 - min(relaxes * quiet_s, 8.0) * (1.0 - math.exp(-elapsed_s / quiet_s))
+        run.force_n = 100.0 - min(relaxes * settled_s, 8.0) * (1.0 - math.exp(-elapsed_s / settled_s))
         run.wait(0.5)
     assert HOLD.hold_s <= held_s(run) <= longest + run.poll_s
     assert run.state.state is State.IMAGING
     if held_s(run) < longest - run.poll_s and limits[0] is not None:
-        assert drift_rate(foreseen, run.now_ns)[0] <= limits[0]
+        assert drift_rate(forecast, run.now_ns)[0] <= limits[0]
     if limits[0] is None and relaxes == 0.0:
         assert held_s(run) == HOLD.hold_s
 
@@ -223,32 +223,32 @@ def test_frames_of_a_longer_hold_are_not_of_the_pair() -> None:
     assert held_s(run) > 120.0
 
 
-def test_frames_of_the_hold_say_more_of_its_drift_than_a_forecast() -> None:
+def test_frames_of_the_hold_determine_its_drift_better_than_a_forecast() -> None:
     run = Run(replace(plan_of((HERE, 100.0)), adaptive_hold=AdaptiveHold(300.0, max_rate_px_s=0.02)))
     run.begin()
     run.reach(State.HOLDING)
     foresee(run, 0.001)
     begin_ns = run.now_ns
-    run.tell(HoldDriftMeasured(run.now_ns, begin_ns - S, 0.05))  # between frames of an earlier hold
+    run.send(HoldDriftMeasured(run.now_ns, begin_ns - S, 0.05))  # between frames of an earlier hold
     run.wait(10.0)
-    run.tell(HoldDriftMeasured(run.now_ns, begin_ns, 0.05))
+    run.send(HoldDriftMeasured(run.now_ns, begin_ns, 0.05))
     run.wait(60.0)
     assert run.state.state is State.HOLDING
     assert "made longer, because the drift rate between frames of this hold was 3 px/min" in run.state.message
     foresee(run, 0.001)
     run.wait(10.0)
     assert run.state.state is State.HOLDING
-    run.tell(HoldDriftMeasured(run.now_ns, begin_ns + 40 * S, 0.015))
+    run.send(HoldDriftMeasured(run.now_ns, begin_ns + 40 * S, 0.015))
     run.wait(2.0)
     assert run.state.state is State.IMAGING
 
 
-def test_drift_seen_in_an_earlier_hold_does_not_count() -> None:
+def test_drift_measured_in_an_earlier_hold_does_not_count() -> None:
     run = Run(replace(plan_of((HERE, 100.0)), adaptive_hold=AdaptiveHold(300.0, max_rate_px_s=0.02)))
     run.begin()
     run.reach(State.HOLDING)
     foresee(run, 0.001)
-    run.tell(HoldDriftMeasured(run.now_ns, run.now_ns - 60 * S, 0.05))
+    run.send(HoldDriftMeasured(run.now_ns, run.now_ns - 60 * S, 0.05))
     run.reach(State.IMAGING)
     assert held_s(run) == HOLD.hold_s
 

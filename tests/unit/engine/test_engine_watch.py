@@ -1,4 +1,4 @@
-"""What two readings tell: a slip, a fracture, a load that runs away, a crosshead that pulls nothing; and what an emergency leads to."""
+"""Supervision of two successive readings: slip, fracture, runaway load, a crosshead without load; and the emergency that follows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WATCHED = replace(LIMITS, force_drop_max_n=50.0, force_slope_max_n_s=250.0, slac
 def problems(
     forces: list[float], *, every_s: float = 0.05, extensions: list[float] | None = None, target_n: float | None = None
 ) -> list[str]:
-    """What is said of readings one after the other; they move if they have extensions."""
+    """Findings for successive readings; the crosshead moves if they have extensions."""
     watch, printed = INITIAL, []
     for number, force_n in enumerate(forces):
         extension_mm = 0.0 if extensions is None else extensions[number]
@@ -34,7 +34,7 @@ def problems(
 
 
 @pytest.mark.parametrize("every_s", [0.05, 1.0])
-def test_a_sudden_fall_is_told_once(every_s: float) -> None:
+def test_a_sudden_fall_of_the_load_is_reported_once(every_s: float) -> None:
     (printed,) = problems([500.0] * 20 + [430.0] * 20, every_s=every_s)
     assert "the load fell by 70 N to 430 N within" in printed
     assert problems([500.0] * 20 + [460.0] * 20, every_s=every_s) == []
@@ -52,13 +52,13 @@ def test_a_load_that_is_taken_off_on_purpose_is_no_fall() -> None:
     assert len(problems(down, every_s=1.0, target_n=500.0)) == 4
 
 
-def test_a_load_that_runs_away_is_told() -> None:
+def test_a_runaway_load_is_reported() -> None:
     assert "the load changes by +400 N/s, more than the limit of 250 N/s" in problems([0.0] * 10 + [400.0], every_s=1.0)[0]
     # Half a second apart at least: noise of some newtons from one reading to the next is no slope.
     assert problems([100.0, 112.0] * 40) == []
 
 
-def test_a_crosshead_that_pulls_nothing_is_told() -> None:
+def test_a_crosshead_that_moves_without_load_is_reported() -> None:
     ran = [0.002 * n for n in range(60)]
     (printed,) = problems([3.0] * 60, extensions=ran)
     assert "the crosshead ran 0.102 mm while the load stayed at 3 N" in printed
@@ -72,7 +72,7 @@ def test_a_crosshead_that_pulls_nothing_is_told() -> None:
     rate=st.floats(1.0, 100.0),
     targets=st.lists(st.floats(-40.0, 2000.0), min_size=1, max_size=3),
 )
-def test_ramps_as_they_are_ordered_are_never_told(every_s: float, noise: list[float], rate: float, targets: list[float]) -> None:
+def test_ramps_that_follow_their_order_are_never_reported(every_s: float, noise: list[float], rate: float, targets: list[float]) -> None:
     watch, force_n = INITIAL, 0.0
     for number, wobble in enumerate(noise):
         target_n = targets[number * len(targets) // len(noise)]
@@ -104,15 +104,15 @@ def test_the_engine_stops_and_holds_after_a_fall(state: State) -> None:
 def test_an_emergency_stop_or_a_limit_switch_is_an_emergency_anywhere(state: State, trouble: DeviceFault) -> None:
     run = Run(plan_of((HERE, 200.0)))
     if state is State.CONNECTING:
-        run.tell(LinksOpening(run.now_ns))
+        run.send(LinksOpening(run.now_ns))
     elif state is State.READY:
-        run.tell(LinksOpening(run.now_ns))
+        run.send(LinksOpening(run.now_ns))
         run.readings()
-        run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+        run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     else:
         run.begin()
         run.reach(state)
-    given = run.tell(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=trouble)))
+    given = run.send(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=trouble)))
     assert isinstance(given[0], StopMotion)
     assert run.state.state is (State.EMERGENCY_STOP if trouble.is_emergency else State.FAULT)
     assert str(trouble) in run.state.message
@@ -127,23 +127,23 @@ def test_an_emergency_that_lasts_does_not_keep_a_run_from_ending() -> None:
         run.now_ns += 10**8
         return LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=DeviceFault.LIMIT_SWITCH))
 
-    run.tell(pressed())
+    run.send(pressed())
     assert run.state.state is State.EMERGENCY_STOP
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.STOP))
     for _ in range(3):
-        run.tell(pressed())
+        run.send(pressed())
         assert run.state.state is not State.EMERGENCY_STOP
 
 
 def test_from_an_emergency_while_connecting_the_operator_leads_back() -> None:
     run = Run(plan_of((HERE, 200.0)))
-    run.tell(LinksOpening(run.now_ns))
-    run.tell(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=DeviceFault.EMERGENCY_STOP)))
-    run.tell(LinksReady(run.now_ns, IDENTITY, IDENTITY))
+    run.send(LinksOpening(run.now_ns))
+    run.send(LoadReading(run.now_ns, replace(run.load_sample(), motion=MotionState.FAULT, trouble=DeviceFault.EMERGENCY_STOP)))
+    run.send(LinksReady(run.now_ns, IDENTITY, IDENTITY))
     assert run.state.state is State.EMERGENCY_STOP
     run.wait(1.0)
     for _ in range(2):
-        run.tell(OperatorAction(run.now_ns, OperatorCommand.RESUME))
+        run.send(OperatorAction(run.now_ns, OperatorCommand.RESUME))
     run.reach(State.IMAGING)
     assert run.force_n == 200.0
 
@@ -151,7 +151,7 @@ def test_from_an_emergency_while_connecting_the_operator_leads_back() -> None:
 def test_a_stop_waits_as_long_as_is_configured_and_reports_for_whom() -> None:
     run = Run(replace(plan_of((HERE, 200.0)), limits=replace(LIMITS, stop_timeout_s=6.0)))
     run.begin()
-    run.tell(OperatorAction(run.now_ns, OperatorCommand.STOP))
+    run.send(OperatorAction(run.now_ns, OperatorCommand.STOP))
     run.has_load = False
     run.wait(4.0)
     assert run.state.state is State.STOPPING

@@ -30,7 +30,7 @@ def pulled(shown: Callable[[float, float], float], to_n: float = 1000.0) -> tupl
     return None, to_n
 
 
-def test_a_reading_that_stands_exactly_still_stops_a_person_soon() -> None:
+def test_an_exactly_constant_reading_stops_a_manual_ramp_soon() -> None:
     finding, true_n = pulled(lambda true_n, noise_n: true_n + noise_n if true_n < 60.0 else 60.0)
     assert finding is not None
     assert finding.code is FaultCode.NO_RESPONSE

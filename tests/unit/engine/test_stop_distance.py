@@ -114,7 +114,7 @@ def test_no_machine_goes_farther_than_its_row_reports(name: str, poll_s: float) 
             delivered_n = true_n + poll_s * rate * trial.speed
             assert delivered_n <= most_n + 1e-6, (rate, part)
             nearest = max(nearest, delivered_n / most_n)
-    assert nearest > 0.6, "the row says much more than any machine does"
+    assert nearest > 0.6, "the row is much larger than the value of any machine"
 
 
 def stopped_at(machine: Machine, trial: Trial, case: RampCase) -> float:
@@ -192,7 +192,7 @@ def test_nothing_bounds_a_device_that_does_not_obey_and_it_is_reported() -> None
     assert "emergency stop" in row.remark
 
 
-def test_the_worst_row_is_named_and_what_exceeds_the_limit_is_known() -> None:
+def test_the_worst_row_is_named_and_an_exceeded_limit_is_marked() -> None:
     rows = stop_distances(CASE)
     far = worst(rows, CASE)
     assert far is not None

@@ -55,13 +55,13 @@ def test_a_coarse_extension_sensor_may_stand_still_after_a_soft_toe_region(lsb_m
 
 @pytest.mark.parametrize("every", [10, 40])
 def test_a_slow_extension_sensor_may_stand_still(every: int) -> None:
-    count, kept = 0, 0.0
+    count, sampled = 0, 0.0
 
     def shown_mm(mm: float) -> float:
-        nonlocal count, kept
+        nonlocal count, sampled
         count += 1
-        kept = mm if count % every == 0 else kept
-        return kept
+        sampled = mm if count % every == 0 else sampled
+        return sampled
 
     finding, true_n = first_finding(Machine(shown_mm=shown_mm))
     assert finding is None

@@ -1,4 +1,4 @@
-"""A drive that jams or pauses, and a stated stiffness: what the travel says of a ramp."""
+"""A drive that jams or pauses, and a stated stiffness: supervision of a ramp by its travel."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCALED = replace(LIMITS, stiffness_min_n_mm=0.5 * STIFFNESS)
 
 
 def jammed_at(jam_n: float, until_s: float, sigma_n: float = 0.05, lsb_mm: float = 1e-6) -> Machine:
-    """A drive that stands still from a load on, until a time after the order, and reports motion."""
+    """A drive that stops moving at a load until a time after the order, and reports motion."""
     rng = random.Random(9)
     machine = Machine(shown=lambda force_n, t_s: force_n + rng.gauss(0.0, sigma_n), reports=lambda moving, t_s: t_s > 0.0 and moving)
     machine.shown_mm = stepped(lsb_mm)
@@ -48,7 +48,7 @@ def test_a_displacement_drive_may_pause(pause_s: float) -> None:
     assert true_n == 300.0
 
 
-def test_a_coarse_sensor_leaves_a_displacement_drive_more_time() -> None:
+def test_a_coarse_sensor_gives_a_displacement_drive_more_time() -> None:
     coarse = jammed_at(60.0, 2.0 + 7.0, lsb_mm=1e-3)
     finding, true_n = first_finding(coarse, DRIVE)
     assert finding is None

@@ -1,4 +1,4 @@
-"""A ramp whose readings do not answer is stopped before the load can be far; one whose readings do is let go on, whatever the cell."""
+"""A ramp is stopped before the load can be far if its readings do not respond; it continues if they do, whatever the load cell."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_reading_that_freezes_at_the_target_is_found_by_the_travel() -> None:
 
 @pytest.mark.parametrize("identity", [LOAD, replace(LOAD, measures_extension=False)], ids=["extension", "force alone"])
 @pytest.mark.parametrize(("frozen_n", "rate_n_s"), [(375.0, 30.0), (250.0, 100.0), (380.0, 5.0)])
-def test_a_reading_that_freezes_near_the_limit_leaves_less_time(identity: DeviceIdentity, frozen_n: float, rate_n_s: float) -> None:
+def test_a_reading_that_freezes_near_the_limit_gives_less_time(identity: DeviceIdentity, frozen_n: float, rate_n_s: float) -> None:
     no_travel = not identity.measures_extension
     machine = Machine(rate_n_s=rate_n_s, ends=False, shown=lambda force_n, t_s: min(force_n, frozen_n))
     machine.shown_mm = lambda mm: 0.0 if no_travel else mm
@@ -69,7 +69,7 @@ def test_a_runaway_is_stopped_at_the_tolerance_beyond_the_target() -> None:
 
 
 @pytest.mark.parametrize("factor", [2.0, 3.0, 20.0])
-def test_a_rate_that_is_not_kept_stops_the_ramp(factor: float) -> None:
+def test_a_ramp_rate_that_differs_from_its_order_stops_the_ramp(factor: float) -> None:
     finding, true_n = first_finding(Machine(rate_n_s=30.0 * factor))
     assert finding is not None
     assert finding.code in (FaultCode.RATE_NOT_KEPT, FaultCode.LOAD_JUMP)
@@ -133,9 +133,7 @@ def test_noise_on_a_frozen_cell_never_restarts_the_count() -> None:
 @pytest.mark.parametrize("rest_s", [0.05, 0.4])
 @pytest.mark.parametrize("every_s", [0.5, 1.0, 5.0])
 @pytest.mark.parametrize("identity", [LOAD, DRIVE], ids=["load", "displacement"])
-def test_a_device_that_rests_again_and_again_leaves_a_constant_reading_no_more_load(
-    identity: DeviceIdentity, every_s: float, rest_s: float
-) -> None:
+def test_repeated_pauses_of_a_device_allow_a_constant_reading_no_more_load(identity: DeviceIdentity, every_s: float, rest_s: float) -> None:
     rng = random.Random(8)
     machine = Machine(ends=False, shown=lambda force_n, t_s: min(force_n, 60.0) + rng.gauss(0.0, 0.3))
     machine.reports = lambda moving, t_s: moving and t_s % every_s < every_s - rest_s
@@ -195,7 +193,7 @@ def test_a_slack_limit_holds_for_the_ordered_travel_where_no_extension_shows_it(
     assert true_n <= 60.0 + 0.005 * STIFFNESS + 6 * 1.5 + 1.5
 
 
-def test_a_frozen_extension_is_found_where_the_load_goes_on() -> None:
+def test_a_frozen_extension_is_found_where_the_load_continues() -> None:
     finding, true_n = first_finding(Machine(shown_mm=lambda mm: 0.0), DRIVE)
     assert finding is not None
     assert finding.code is FaultCode.FROZEN_READING
@@ -249,7 +247,7 @@ def test_healthy_ramps_are_never_stopped(seed: int, identity: DeviceIdentity) ->
     assert true_n == target
 
 
-def test_unloading_by_plan_is_supervised_alike() -> None:
+def test_planned_unloading_is_supervised_in_the_same_way() -> None:
     down = Machine(target_n=100.0)
     down.force_n = 300.0
     assert first_finding(down, ordered_n=100.0)[0] is None
@@ -260,7 +258,7 @@ def test_unloading_by_plan_is_supervised_alike() -> None:
     assert true_n >= 200.0
 
 
-def test_more_noise_or_a_higher_rate_leaves_more_load_unseen() -> None:
+def test_more_noise_or_a_higher_rate_increases_the_undetected_load() -> None:
     assert verified_within(30.0, 3.0, 0.0) == 37.5
     assert verified_within(1.0, 3.0, 0.0) == 3.0
     assert verified_within(0.1, 3.0, 0.0) == 1.0

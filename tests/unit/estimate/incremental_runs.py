@@ -27,10 +27,10 @@ SETTINGS = EstimateSettings(drift_knots_per_frame=1.0, distortion_knot_px=80.0)
 
 
 def when(frame: int, start_s: float, sigma_s: float = 0.0) -> FrameTime:
-    def known(value: float) -> Sourced[float]:
+    def from_config(value: float) -> Sourced[float]:
         return Sourced(value, Provenance.CONFIG)
 
-    timing = ScanTiming(known(1e-4), known(0.05), known(12.0), Sourced(1, Provenance.CONFIG))
+    timing = ScanTiming(from_config(1e-4), from_config(0.05), from_config(12.0), Sourced(1, Provenance.CONFIG))
     return FrameTime(frame, start_s, timing, sigma_s)
 
 
@@ -46,10 +46,10 @@ def exact_times(pair: int) -> tuple[FrameTime, FrameTime]:
 def maps(pair: int) -> tuple[DisparityMap, ...]:
     """Drift and a motion, with noise and a tenth of the points missing; the same whenever the pair comes."""
     n = 2 * pair
-    wanted = [(n, n + 1)] + ([(0, n), (0, n + 1)] if pair else [])
+    frame_pairs = [(n, n + 1)] + ([(0, n), (0, n + 1)] if pair else [])
     shift = np.array([6.0 * np.cos(2.4 * pair), 6.0 * np.sin(2.4 * pair)]) if pair else np.zeros(2)
     found = []
-    for reference, current in wanted:
+    for reference, current in frame_pairs:
         rng = np.random.default_rng((pair, reference, current))
         drift = 0.02 * (60.0 * (current // 2 - reference // 2) + 14.0 * (current % 2 - reference % 2))
         moved = drift + (shift if reference == 0 else 0.0)
@@ -82,7 +82,7 @@ def about_of(state: EstimatorState, rng_seed: int) -> np.ndarray:
     return about
 
 
-def at_once(state: EstimatorState, prior: np.ndarray, asked_of: Callable[[np.ndarray], np.ndarray] | None = None) -> np.ndarray:
+def at_once(state: EstimatorState, prior: np.ndarray, prior_gradient: Callable[[np.ndarray], np.ndarray] | None = None) -> np.ndarray:
     """All rows of all maps in one least squares, noise of frame 0 among its unknowns, nothing integrated out, refined by its rows.
 
     `asked_of` gives the prior times parameters where the product with the matrix itself would be too coarse.
@@ -106,7 +106,7 @@ def at_once(state: EstimatorState, prior: np.ndarray, asked_of: Callable[[np.nda
     factor = np.linalg.inv(total * scale[:, None] * scale)
     solved = np.zeros(len(total))
     for _ in range(3):
-        believed = prior @ solved[:n] if asked_of is None else asked_of(solved[:n])
+        believed = prior @ solved[:n] if prior_gradient is None else prior_gradient(solved[:n])
         requests = -np.concatenate((believed, noise * solved[n:]))
         requests += np.sum([whole.T @ (weight * (value - whole @ solved)) for whole, weight, value in rows_of_all], axis=0)
         solved += factor @ (requests * scale) * scale
@@ -123,28 +123,28 @@ def named(state: EstimatorState, parameters: np.ndarray) -> dict[str, np.ndarray
     return found | {f"motion {pair}": motion[state.motions.part(pair)[0]] for pair in state.motions.pairs}
 
 
-def close(found: dict[str, np.ndarray], wanted: dict[str, np.ndarray]) -> bool:
+def close(found: dict[str, np.ndarray], frame_pairs: dict[str, np.ndarray]) -> bool:
     """Within 1e-9 of the largest parameter of each part."""
-    return all(np.abs(found[name] - item).max() <= 1e-9 * max(np.abs(item).max(), 1e-3) for name, item in wanted.items())
+    return all(np.abs(found[name] - item).max() <= 1e-9 * max(np.abs(item).max(), 1e-3) for name, item in frame_pairs.items())
 
 
-def batch_of(known: Solution) -> dict[str, np.ndarray]:
+def batch_of(solution: Solution) -> dict[str, np.ndarray]:
     """All rows at once with a solution's choices, linearised where it is."""
-    state, border, scale = known.state, known.shared_posterior.chain.border, known.hyper.noise_scale**2
-    gauge, belief = gauge_precision(state), prior_precision(state, known.hyper)
+    state, border, scale = solution.state, solution.shared_posterior.chain.border, solution.hyper.noise_scale**2
+    gauge, belief = gauge_precision(state), prior_precision(state, solution.hyper)
     in_time = [
-        (parameter_indices(state.layout, item.codes(0, item.spline.size)), item) for item in temporal_splines(state, known.hyper, border)
+        (parameter_indices(state.layout, item.codes(0, item.spline.size)), item) for item in temporal_splines(state, solution.hyper, border)
     ]
     rest = belief.copy()
     for at, _ in in_time:
         rest[np.ix_(at, at)] = 0.0
     rest += gauge
 
-    def asked_of(parameters: np.ndarray) -> np.ndarray:
+    def prior_gradient(parameters: np.ndarray) -> np.ndarray:
         """By differences of knots: with third differences of 1e-5 px the product with the matrix loses six digits."""
         total = rest @ parameters
         for at, item in in_time:
             total[at] += item.prior_gradient(0, item.spline.size, parameters[at])
         return total * scale
 
-    return named(state, at_once(state, (gauge + belief) * scale, asked_of))
+    return named(state, at_once(state, (gauge + belief) * scale, prior_gradient))

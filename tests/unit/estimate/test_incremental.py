@@ -43,14 +43,14 @@ def test_every_pair_in_any_order_gives_the_batch(order: tuple[int, ...]) -> None
 
 @pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5), (0, 5, 4, 3, 2, 1), (0, 3, 1, 4, 2, 5)])
 def test_the_newest_pair_and_all_before_it_are_those_of_the_batch(order: tuple[int, ...]) -> None:
-    known = estimating.solve(accumulated(order[:1]))
+    solution = estimating.solve(accumulated(order[:1]))
     state = accumulated(order[:1])
     for pair in order[1:]:
         state = estimating.update(state, pair, PHASES[pair], times(pair), maps(pair))
-        known = estimating.solve_newest(state, known)
-        required = batch_of(known)
-        assert close(named(known.state, mean_of(known.shared_posterior)), required)
-        filtered = named(known.state, known.mean)
+        solution = estimating.solve_newest(state, solution)
+        required = batch_of(solution)
+        assert close(named(solution.state, mean_of(solution.shared_posterior)), required)
+        filtered = named(solution.state, solution.mean)
         last = max((0, *state.motions.pairs), key=lambda item: times(item)[0].start_s)
         newest = {name: required[name] for name in ("distortion", "axes", *([f"motion {last}"] if last else []))}
         assert close(filtered, newest)
@@ -62,13 +62,13 @@ def test_the_newest_pair_and_all_before_it_are_those_of_the_batch(order: tuple[i
         )
 
 
-def test_uncertainty_of_every_pair_is_that_of_the_whole_matrix() -> None:
-    known = estimating.solve(accumulated((0, 3, 1, 4)))
-    state = known.state
-    prior = gauge_precision(state) + prior_precision(state, known.hyper)
-    covariance = factorise(marginal(state)[0] * known.hyper.noise_scale**-2.0 + prior, sides(state)).inverse()
+def test_uncertainty_of_every_pair_is_that_of_the_complete_matrix() -> None:
+    solution = estimating.solve(accumulated((0, 3, 1, 4)))
+    state = solution.state
+    prior = gauge_precision(state) + prior_precision(state, solution.hyper)
+    covariance = factorise(marginal(state)[0] * solution.hyper.noise_scale**-2.0 + prior, sides(state)).inverse()
     sigma = np.sqrt(np.diag(covariance))
-    ending = solve_shared(known.shared_posterior.chain)
+    ending = solve_shared(solution.shared_posterior.chain)
     found = {item.pair: item for item in pair_covariances(ending)}
     assert sorted(found) == [0, 1, 3, 4]
     for item in found.values():
@@ -123,21 +123,21 @@ def test_what_is_made_again_begins_with_nothing_chosen() -> None:
     np.testing.assert_allclose(again.information, first.information, rtol=1e-9, atol=1e-6)
 
 
-def test_what_pairs_touch_is_as_uncertain_on_one_way_back_as_asked_one_by_one() -> None:
-    known = estimating.solve(accumulated((0, 3, 1, 4)))
-    layout, rng = known.state.layout, np.random.default_rng(5)
-    touched = {item.pair: item.index for item in pair_covariances(known.shared_posterior)}
-    border = parameter_indices(layout, known.shared_posterior.chain.border.codes()[: known.shared_posterior.chain.border.joint_size])
+def test_uncertainties_of_one_back_substitution_equal_those_computed_separately() -> None:
+    solution = estimating.solve(accumulated((0, 3, 1, 4)))
+    layout, rng = solution.state.layout, np.random.default_rng(5)
+    touched = {item.pair: item.index for item in pair_covariances(solution.shared_posterior)}
+    border = parameter_indices(layout, solution.shared_posterior.chain.border.codes()[: solution.shared_posterior.chain.border.joint_size])
     required = {pair: np.unique(np.concatenate((touched[pair], border))) for pair in (3, 0, 4)}
     rows = {pair: (parameter_codes(layout, index), rng.normal(size=(3, len(index)))) for pair, index in required.items()}
-    found = covariances(known.shared_posterior, rows)
+    found = covariances(solution.shared_posterior, rows)
     assert list(found) == [3, 0, 4]
     for pair, (_, own) in rows.items():
         whole = np.zeros((3, layout.size))
         whole[:, required[pair]] = own
-        np.testing.assert_allclose(found[pair], known.covariance_of(whole), rtol=1e-6)
+        np.testing.assert_allclose(found[pair], solution.covariance_of(whole), rtol=1e-6)
     with pytest.raises(KeyError):
-        covariances(known.shared_posterior, {7: rows[3]})
+        covariances(solution.shared_posterior, {7: rows[3]})
 
 
 def test_what_shifts_of_rows_took_off_is_given_back_when_they_are_in_the_model_no_more() -> None:

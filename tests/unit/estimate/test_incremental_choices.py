@@ -38,26 +38,26 @@ def test_a_long_run_makes_its_choices_again() -> None:
     state = replace(even, precision=np.zeros((n, n)), information=np.zeros(n), reference=nothing)
     for pair in range(DENSE_PAIRS):
         state = estimating.update(state, pair, Phase.CALIBRATION, exact_times(pair), maps(pair))
-    known = estimating.solve(state)
+    solution = estimating.solve(state)
     for pair in range(DENSE_PAIRS, count):
         state = estimating.update(state, pair, Phase.CALIBRATION, exact_times(pair), maps(pair))
     assert not state.summed
     whole = estimating.solve(state)
-    assert whole.hyper.rotation_rad != known.hyper.rotation_rad
-    assert whole.hyper.noise_scale == pytest.approx(known.hyper.noise_scale, rel=0.02)  # its noise stayed the same
-    assert whole.noise_floor_px / known.noise_floor_px == pytest.approx(whole.hyper.noise_scale / known.hyper.noise_scale)
-    assert [item.included for item in whole.terms] == [item.included for item in known.terms]
+    assert whole.hyper.rotation_rad != solution.hyper.rotation_rad
+    assert whole.hyper.noise_scale == pytest.approx(solution.hyper.noise_scale, rel=0.02)  # its noise stayed the same
+    assert whole.noise_floor_px / solution.noise_floor_px == pytest.approx(whole.hyper.noise_scale / solution.hyper.noise_scale)
+    assert [item.included for item in whole.terms] == [item.included for item in solution.terms]
     required = batch_of(whole)
     for name, item in named(whole.state, whole.mean).items():  # as stiff as the data choose the drift to be, neither is better than this
         np.testing.assert_allclose(item, required[name], atol=1e-7)
-    followed = estimating.solve_incremental(state, known)
+    followed = estimating.solve_incremental(state, solution)
     part = state.layout.part("distortion")
     sigma = np.sqrt(np.diag(distortion_covariance(whole.shared_posterior)))  # linearised about an earlier solution, so not quite the same
     assert np.abs((followed.mean[part] - whole.mean[part]) / sigma).max() < 0.1
     assert len(estimating.to_estimate(followed, count).motions) == count
 
 
-def test_choices_given_the_border_weigh_candidates_as_the_whole_matrix_does() -> None:
+def test_choices_given_the_border_score_candidates_like_the_complete_matrix() -> None:
     state = relinearise(accumulated((0, 1, 2, 3)), about_of(accumulated((0, 1, 2, 3)), 3))
     hypers = [
         replace(Hyperparameters(noise_scale=1.3), drift=(Smoothness(order, size), Smoothness(2, 0.05)), raster_px=(raster, 0.0))
@@ -99,15 +99,15 @@ def test_choices_are_made_at_powers_of_two_and_half_way_between() -> None:
 
 
 def test_between_choices_the_data_decide_everything_but_the_choices() -> None:
-    known = estimating.solve(accumulated((0, 1, 2, 3)))
+    solution = estimating.solve(accumulated((0, 1, 2, 3)))
     state = accumulated((0, 1, 2, 3, 4))
-    followed = estimating.solve_incremental(state, known)
-    assert followed.hyper == known.hyper
-    assert followed.terms == known.terms
-    prior = gauge_precision(state) + prior_precision(state, known.hyper)
+    followed = estimating.solve_incremental(state, solution)
+    assert followed.hyper == solution.hyper
+    assert followed.terms == solution.terms
+    prior = gauge_precision(state) + prior_precision(state, solution.hyper)
     again = followed.state
-    near, factor = posterior(marginal(again), prior, known.hyper.noise_scale)
-    requests = gradient(again, near) * known.hyper.noise_scale**-2.0 - prior @ near
+    near, factor = posterior(marginal(again), prior, solution.hyper.noise_scale)
+    requests = gradient(again, near) * solution.hyper.noise_scale**-2.0 - prior @ near
     expected = near + np.linalg.solve(factor @ factor.T, requests)
     np.testing.assert_allclose(followed.mean, expected, atol=1e-8)
     spread = np.diag(followed.covariance_of(np.eye(len(expected))))
@@ -123,20 +123,20 @@ def test_on_the_schedule_and_without_a_solution_before_all_is_chosen_again() -> 
 
 
 def test_a_carried_distortion_takes_new_pairs_up() -> None:
-    known = estimating.solve(accumulated((0, 1, 2, 3)))
-    known = replace(known, state=with_advected_distortion(known.state))
-    followed = estimating.solve_incremental(accumulated((0, 1, 2, 3, 4)), known)
+    solution = estimating.solve(accumulated((0, 1, 2, 3)))
+    solution = replace(solution, state=with_advected_distortion(solution.state))
+    followed = estimating.solve_incremental(accumulated((0, 1, 2, 3, 4)), solution)
     assert followed.state.distortion.carried
     assert sorted(followed.state.motions.pairs) == [1, 2, 3, 4]
     about = replace(followed.state, linearisation_point=followed.mean)
-    whole = mean_of(solve_shared(eliminate_all(with_advected_distortion(about), known.hyper, followed.mean)))
+    whole = mean_of(solve_shared(eliminate_all(with_advected_distortion(about), solution.hyper, followed.mean)))
     part = about.layout.part("drift")
     assert np.abs(followed.mean[part] - whole[part]).max() < 0.01
     with pytest.raises(IllPosed, match="another run"):
-        estimating.solve_incremental(accumulated((0, 1, 2, 4, 5)), known)
+        estimating.solve_incremental(accumulated((0, 1, 2, 4, 5)), solution)
 
 
-def test_the_arrow_factor_is_that_of_the_whole_matrix() -> None:
+def test_the_arrow_factor_is_that_of_the_complete_matrix() -> None:
     state = accumulated((0, 1, 2, 3, 4))
     precision, information = marginal(state)
     whole = precision + gauge_precision(state) + prior_precision(state, Hyperparameters())
@@ -155,10 +155,10 @@ def test_the_arrow_factor_is_that_of_the_whole_matrix() -> None:
     part = state.layout.part("drift")
     gone = np.ones(len(whole), dtype=bool)
     gone[part] = False
-    left, requests = marginalise(whole, information, where, gone)
+    reduced, requests = marginalise(whole, information, where, gone)
     expected = np.linalg.inv(inverse[part, part])
-    np.testing.assert_allclose(left, expected, atol=1e-6 * np.abs(expected).max())
-    np.testing.assert_allclose(np.linalg.solve(left, requests), factor.solve(information)[part], atol=1e-5)
+    np.testing.assert_allclose(reduced, expected, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(np.linalg.solve(reduced, requests), factor.solve(information)[part], atol=1e-5)
 
 
 @pytest.mark.parametrize("step_px", [5, 50])

@@ -29,14 +29,14 @@ ROWS = DRIFT.rows(TIME_S)
 BENT_PX = np.cumsum(np.cumsum(RNG.normal(0.0, 0.05, DRIFT.spline.size)))
 
 
-def told(value_px: np.ndarray) -> tuple[LocalLikelihood, SmoothnessPrior]:
-    """What values with noise say of one component of the drift, and what is believed anyway."""
+def likelihood_and_prior(value_px: np.ndarray) -> tuple[LocalLikelihood, SmoothnessPrior]:
+    """Likelihood and prior of one drift component for values with noise."""
     data = LocalLikelihood(ROWS.T @ ROWS / NOISE_PX**2, ROWS.T @ value_px / NOISE_PX**2, np.zeros(DRIFT.spline.size))
     return data, SmoothnessPrior(DRIFT, np.zeros((DRIFT.spline.size,) * 2))
 
 
 def held_out(value_px: np.ndarray, belief: np.ndarray) -> float:
-    """Logarithm of the likelihood of each value as those before it foretell it, added up."""
+    """Logarithm of the likelihood of each value as predicted by those before it, added up."""
     spread, total = ROWS @ np.linalg.inv(belief) @ ROWS.T + NOISE_PX**2 * np.eye(len(ROWS)), 0.0
     for count, value in enumerate(value_px):
         weights = np.linalg.solve(spread[:count, :count], spread[:count, count]) if count else np.zeros(0)
@@ -46,12 +46,12 @@ def held_out(value_px: np.ndarray, belief: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("kind", [(3, 0.0), (2, 0.0), next(iter(OSCILLATING_PRIORS))])
-def test_the_choice_is_by_how_well_earlier_values_foretell_later_ones(kind: Kind) -> None:
+def test_the_choice_is_by_how_well_earlier_values_predict_later_ones(kind: Kind) -> None:
     value_px = np.sin(TIME_S / 90.0) + RNG.normal(0.0, NOISE_PX, len(TIME_S))
-    data, known = told(value_px)
+    data, prior = likelihood_and_prior(value_px)
     sizes = np.array([0.01, 0.1, 0.5])
-    found = scores(data.with_prior(known.base), known, kind, sizes)
-    required = [held_out(value_px, known.base + Smoothness(kind[0], size, kind[1]).roughness(DRIFT)) for size in sizes]
+    found = scores(data.with_prior(prior.base), prior, kind, sizes)
+    required = [held_out(value_px, prior.base + Smoothness(kind[0], size, kind[1]).roughness(DRIFT)) for size in sizes]
     np.testing.assert_allclose(np.diff(found), np.diff(required), rtol=1e-4)
 
 
@@ -59,12 +59,12 @@ def test_the_choice_is_by_how_well_earlier_values_foretell_later_ones(kind: Kind
 def test_beliefs_that_are_far_too_tight_are_as_likely_as_they_are(kind: Kind) -> None:
     """Long swings and small sizes: the logarithm is right to 0.05, where rounding once put 15 into it."""
     value_px = 1e-3 * TIME_S + 1e-8 * TIME_S**2 + RNG.normal(0.0, NOISE_PX, len(TIME_S))
-    data, known = told(value_px)
+    data, prior = likelihood_and_prior(value_px)
     start = LocalLikelihood(data.precision, data.gradient - data.precision @ BENT_PX, BENT_PX)
     some = [0, 4, 16, -1]
-    found = scores(start.with_prior(known.base), known, kind, CANDIDATES)[some]
+    found = scores(start.with_prior(prior.base), prior, kind, CANDIDATES)[some]
     rows = Smoothness(kind[0], 1.0, kind[1]).filter.rows(DRIFT.spline.size)
-    required = [in_many_digits(value_px, known.base, rows, size) for size in CANDIDATES[some]]
+    required = [in_many_digits(value_px, prior.base, rows, size) for size in CANDIDATES[some]]
     np.testing.assert_allclose(np.diff(found), np.diff(required), atol=0.05)
 
 
@@ -92,12 +92,12 @@ def reduced(matrix: np.ndarray, pull: np.ndarray) -> tuple[Decimal, Decimal]:
     return total, fit
 
 
-def test_a_drift_that_swings_is_told_from_one_that_wanders_and_one_that_creeps() -> None:
+def test_an_oscillating_drift_is_separated_from_a_wandering_and_a_creeping_one() -> None:
     noise = RNG.normal(0.0, NOISE_PX, (3, len(TIME_S)))
     bends = np.concatenate(([0.0, 0.0], np.cumsum(np.cumsum(RNG.normal(0.0, 0.05, DRIFT.spline.size - 2)))))
     swing, wander, creep = 0.4 * np.sin(2.0 * np.pi * TIME_S / 255.0), ROWS @ bends, 1e-3 * TIME_S + 1e-7 * TIME_S**2
     found = [
-        select_smoothness(*told(value + item), NON_OSCILLATING_PRIORS, CANDIDATES)
+        select_smoothness(*likelihood_and_prior(value + item), NON_OSCILLATING_PRIORS, CANDIDATES)
         for value, item in zip((swing, wander, creep), noise, strict=True)
     ]
     assert found[0].oscillation_period_knots == pytest.approx(255.0 / 30.0, rel=0.25)

@@ -23,7 +23,7 @@ def residuals(seed: int, overlap_points: int) -> list[np.ndarray]:
     return fields
 
 
-def test_white_noise_leaves_blocks_independent() -> None:
+def test_blocks_of_white_noise_are_independent() -> None:
     assert block_scatter(Blocks.of(GRID), residuals(1, 1), np.inf) == pytest.approx(1.0, abs=0.06)
 
 

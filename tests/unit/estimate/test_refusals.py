@@ -1,4 +1,4 @@
-"""What the estimator refuses, and what it says while it does not know yet."""
+"""What the estimator refuses, and its reports while data are still insufficient."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ GRID = Grid(60, 60, 40, 12, 10, 43)
 
 
 def when(frame: int, start_s: float) -> FrameTime:
-    def known(value: float) -> Sourced[float]:
+    def from_config(value: float) -> Sourced[float]:
         return Sourced(value, Provenance.CONFIG)
 
-    return FrameTime(frame, start_s, ScanTiming(known(1e-5), known(0.02), known(10.0), Sourced(1, Provenance.CONFIG)))
+    return FrameTime(frame, start_s, ScanTiming(from_config(1e-5), from_config(0.02), from_config(10.0), Sourced(1, Provenance.CONFIG)))
 
 
 def times(pair: int, start_s: float) -> tuple[FrameTime, FrameTime]:

@@ -28,7 +28,7 @@ def test_the_path_of_the_stage_reports_scale_and_angle() -> None:
     assert found.residual_px == pytest.approx(0.05, rel=0.5)
 
 
-def test_the_path_is_told_only_where_it_can_be() -> None:
+def test_the_stage_path_is_estimated_only_where_it_is_determined() -> None:
     def motion(pair: int, shift: np.ndarray) -> PairMotion:
         return PairMotion(pair, shift, np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)))
 

@@ -50,11 +50,11 @@ def concluded(sigma_s: float, method: str = "joint", seed: int | None = None) ->
 def test_strain_is_uncertain_by_the_fraction_to_which_the_time_between_starts_is() -> None:
     first, second = (replace(when, start_sigma_s=0.3) for when in EXPERIMENT.pairs[1].times)
     found = start_time_strain((first, second), (2.0, -4.0))
-    apart_s = second.start_s - first.start_s
-    fraction = 0.3 * 2**0.5 / apart_s
+    interval_s = second.start_s - first.start_s
+    fraction = 0.3 * 2**0.5 / interval_s
     timing = second.timing
-    assert found.eyy == pytest.approx(4.0 / apart_s * timing.row_time_s.value * fraction)
-    assert found.exx == pytest.approx(2.0 / apart_s * timing.dwell_time_s.value * fraction)
+    assert found.eyy == pytest.approx(4.0 / interval_s * timing.row_time_s.value * fraction)
+    assert found.exx == pytest.approx(2.0 / interval_s * timing.dwell_time_s.value * fraction)
     assert start_time_strain((second, first), (2.0, -4.0)).eyy == 0.0
 
 

@@ -44,16 +44,16 @@ def given(experiment: Experiment, settings: EstimateSettings, pairs: int = 99) -
 
 
 def test_the_papers_world_without_noise_is_found(equation_9: Experiment) -> None:
-    """Drift is quadratic, so its velocity is in the spline; what is left is the wave between knots."""
+    """Drift is quadratic, so its velocity is in the spline; the residual is the wave between knots."""
     solution = sutton.solve(given(equation_9, EstimateSettings()))
     found = sutton.to_estimate(solution, 3)
     assert found.drift.drift_px == pytest.approx(equation_9.world.column.drift.at(found.drift.time_s), abs=1e-3)
     assert found.drift.revision == 3
     for one in equation_9.pairs[1:]:
-        for observed in one.seen:
+        for observed in one.observed:
             correction = sutton.correction(solution, observed.exact)
-            left = observed.exact.u_px - correction.u_px - observed.displacement_px[..., 0]
-            assert np.ptp(left) <= 2e-3
+            residual_px = observed.exact.u_px - correction.u_px - observed.displacement_px[..., 0]
+            assert np.ptp(residual_px) <= 2e-3
     assert found.distortion.valid.all()
     assert solution.noise_floor_px <= 1e-3
 
@@ -63,7 +63,7 @@ def test_pairs_that_are_missing_points_still_give_drift_everywhere(equation_9: E
     full = sutton.solve(state)
     holes = tuple(replace(one, maps=tuple(_with_hole(dmap) for dmap in one.maps)) for one in state.pairs)
     holed = sutton.solve(replace(state, pairs=holes))
-    observed = equation_9.pairs[5].seen[1].exact
+    observed = equation_9.pairs[5].observed[1].exact
     difference = sutton.correction(full, observed).v_px - sutton.correction(holed, observed).v_px
     assert np.abs(difference - difference.mean()).max() <= 5e-3
 

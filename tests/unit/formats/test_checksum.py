@@ -16,7 +16,7 @@ def test_it_is_the_one_of_the_standard() -> None:
 
 
 @given(data=st.binary(max_size=5000), before=st.integers(0, 2**32 - 1))
-def test_it_is_zlibs_also_where_it_goes_on(data: bytes, before: int) -> None:
+def test_it_is_zlibs_also_for_a_continued_checksum(data: bytes, before: int) -> None:
     assert crc32(data) == zlib.crc32(data)
     assert crc32(data, before) == zlib.crc32(data, before)
 

@@ -64,7 +64,7 @@ def test_late_work_stretches_the_clock_for_everybody(capsys: pytest.CaptureFixtu
     assert f"strip was {late_s:.2f} s late" in capsys.readouterr().err
 
 
-def test_work_in_time_leaves_the_clock_alone() -> None:
+def test_work_in_time_does_not_change_the_clock() -> None:
     published: list[Clock] = []
     clock = BenchClock(1.0, published.append)
     clock.begin()
@@ -75,7 +75,7 @@ def test_work_in_time_leaves_the_clock_alone() -> None:
     assert 0 <= clock.worst_lag_s < 1.0
 
 
-def test_waiting_ends_at_the_instant_or_when_told() -> None:
+def test_waiting_ends_at_the_instant_or_on_request() -> None:
     clock = BenchClock(10.0, lambda _: None)
     clock.begin()
     stop = threading.Event()

@@ -1,4 +1,4 @@
-"""A clock file that is spoilt in the middle of a run: time goes on by the last line that was good."""
+"""A clock file that is damaged during a run: time continues from the last valid line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from semlive.formats.tables.clock_file import encode_clock
 from semlive.service.runtime.clock import SimulatedClock
 
 
-def test_time_goes_on_over_a_spoilt_clock_file(tmp_path: Path) -> None:
+def test_time_continues_with_a_damaged_clock_file(tmp_path: Path) -> None:
     path = tmp_path / "clock.json"
     path.write_bytes(encode_clock(Clock(10**18, time.monotonic_ns(), 20.0)))
     clock = SimulatedClock(path)

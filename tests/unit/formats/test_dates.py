@@ -78,7 +78,7 @@ UNREAD = {
     "no such month": ("14/13/2022", "11:52:46", "mdy"),
     "no such day": ("31/02/2022", "11:52:46", "dmy"),
     "two months with this beginning": ("5 jui 2022", "11:52:46", "dmy"),
-    "a word": ("19 Xyz 2019", "9:40:32", "dmy"),
+    "text month": ("19 Xyz 2019", "9:40:32", "dmy"),
     "two digits in three places": ("03.04.05", "11:52:46", "dmy"),
     "no seconds": ("14/03/2022", "11:52", "mdy"),
     "no separators": ("20220314", "115246", "ymd"),

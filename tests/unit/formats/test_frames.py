@@ -114,7 +114,7 @@ def test_sixteen_bits_stay_sixteen_bits() -> None:
     assert np.array_equal(frame.image, image[:56])
 
 
-def test_start_in_whole_seconds_is_the_middle_of_the_second_less_the_scan() -> None:
+def test_a_start_in_integer_seconds_is_the_middle_of_the_second_less_the_scan() -> None:
     info = read_info(exported(fei_bytes()), ScanProfile(start_anchor="end", start_sigma_s=0.01))
     assert info.start_time_ns.value == ns(CREATED) + 500_000_000 - 61_200_000
     assert info.start_time_ns.source is Provenance.DERIVED
@@ -147,7 +147,7 @@ def test_integrated_frames_prolong_the_scan() -> None:
     assert info.timing.duration_s == pytest.approx(5 * 0.0612)
 
 
-def test_missing_values_come_from_the_profile_and_say_so() -> None:
+def test_missing_values_come_from_the_profile_with_that_source() -> None:
     ini = INI.replace("LineTime={line}\n", "")
     with pytest.raises(BadImage, match=r"row time; set sem\.profile\.row_time_s"):
         read_info(exported(fei_bytes(ini=ini)), ScanProfile())
@@ -222,14 +222,14 @@ def test_float_images_and_strange_files_are_refused() -> None:
         assert check_complete(data) is not None
 
 
-def test_a_header_that_promises_too_much_is_refused_before_any_memory_is_taken() -> None:
+def test_a_header_that_declares_too_much_is_refused_before_any_memory_is_taken() -> None:
     png = bytearray(png_bytes(speckle()))
     png[16:24] = (60_000).to_bytes(4, "big") * 2
     with pytest.raises(BadImage, match="more than is read"):
         read_frame(exported(bytes(png)), PLAIN)
 
 
-def test_every_truncation_of_a_file_is_known_to_be_incomplete() -> None:
+def test_every_truncation_of_a_file_is_recognised_as_incomplete() -> None:
     for data in (fei_bytes(xml_time="2023-11-10T14:09:15"), png_bytes(speckle())):
         assert check_complete(data) is None
         assert all(check_complete(data[:end]) is not None for end in range(0, len(data) - 13, 37))

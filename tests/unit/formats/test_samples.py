@@ -33,8 +33,8 @@ def samples() -> Path:
 
 def exported(samples: Path, name: str) -> ExportedFile:
     path = samples / name
-    beside = path.with_suffix(".txt")
-    return ExportedFile(0, name, path.read_bytes(), "", MTIME_NS, MTIME_NS, beside.read_bytes() if beside.exists() else None)
+    text_path = path.with_suffix(".txt")
+    return ExportedFile(0, name, path.read_bytes(), "", MTIME_NS, MTIME_NS, text_path.read_bytes() if text_path.exists() else None)
 
 
 def ns(*date_and_time: int) -> int:
@@ -126,7 +126,7 @@ def test_zeiss(samples: Path) -> None:
     assert (info.vendor, frame.image.shape, info.databar_rows) == ("zeiss", (768, 1024), 0)
     dwell_s, row_s, frame_s, frames, passes = times(info)
     assert (row_s, frame_s, frames, passes) == (949e-6, 0.75276, 1, 1)  # "Pixel Avg." although Line Avg.Count = 2
-    assert dwell_s == 949e-6 / 1024  # 0.93 us, where DP_DWELL_TIME says 50 ns
+    assert dwell_s == 949e-6 / 1024  # 0.93 us, where DP_DWELL_TIME is 50 ns
     assert frame_s / row_s - 768 == pytest.approx(25.2, abs=0.05)
     assert info.pixel_size_m.value == 5.932882e-07
     assert sources(info) == (DERIVED, FILE, FILE, FILE)
@@ -181,7 +181,7 @@ def test_jeol(samples: Path) -> None:
     assert sources(info) == (CONFIG, CONFIG, DERIVED, CONFIG)
     assert column(info) == ("LED", 5000.0, pytest.approx(0.00907), 50.0, 0.0)
     assert info.end_time_ns == ns(2025, 11, 20, 13, 42, 14) + 500_000_000
-    with pytest.raises(BadImage, match="dwell time, row time and pixel size"):  # without its sidecar it says nothing
+    with pytest.raises(BadImage, match="dwell time, row time and pixel size"):  # without its sidecar it has no timing
         read_info(replace(file, sidecar=None), ScanProfile())
 
 

@@ -51,7 +51,7 @@ def test_of_several_frames_the_user_chooses_one() -> None:
     with pytest.raises(BadImage, match=r"image 1 of 3 \(64 x 48 px\), image 2 of 3 .*image 3 of 3 \(60 x 20 px\)\).*sem\.profile\.page"):
         grey(data)
     assert check_complete(data) is None
-    assert check_finished(exported(data), PROFILE) is None  # whole: the watcher passes it on, and the reader states the cause
+    assert check_finished(exported(data), PROFILE) is None  # complete: the watcher passes it on, and the reader states the cause
     assert np.array_equal(grey(data, replace(PROFILE, page=2)), speckle(2))
     assert np.array_equal(read_picture(data, "a.tif", 3), speckle(3, (20, 60)))
     with pytest.raises(BadImage, match="has 3 images, not an image 4"):

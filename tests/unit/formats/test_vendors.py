@@ -225,7 +225,7 @@ def test_jeol_pixel_size_is_that_of_the_bar_not_of_the_magnification() -> None:
 @pytest.mark.parametrize(
     ("date", "month", "day"), [("08/05/2016", 5, 8), ("05/08/2016", 8, 5), ("16/08/2016", 8, 16), ("08/16/2016", 8, 16)]
 )
-def test_hitachi_day_and_month_are_told_apart_by_the_modification_time(date: str, month: int, day: int) -> None:
+def test_hitachi_day_and_month_are_separated_by_the_modification_time(date: str, month: int, day: int) -> None:
     values = {"InstructName": "TM3000", "DataSize": "1280x1100", "PixelSize": "506.25", "Date": date, "Time": "18:56:58"}
     mtime_ns = int(datetime(2016, month, day, 19, tzinfo=UTC).timestamp()) * 10**9
     header = hitachi.header(values, mtime_ns)

@@ -1,4 +1,4 @@
-"""Maps of several engines: the same map in every dialect is the same map; what is wrong is said with file, line and column."""
+"""Maps of several engines: the same map in every dialect is the same map; errors name file, line and column."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GRID = Grid(20, 30, 10, 5, 4, 0)
 X, Y = (one.ravel() for one in GRID.mesh())
 RNG = np.random.default_rng(3)
 U, V = (np.round(RNG.normal(1.0, 2.0, X.size), 6) for _ in range(2))
-LOST = 7  # a point that every engine says it did not find
+LOST = 7  # a point that every engine marks as not found
 
 
 def text(header: str, row: str, *, above: str = "", skip: bool = False) -> bytes:
@@ -65,7 +65,7 @@ def laid(data: bytes) -> DisparityMap:
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-def test_every_dialect_tells_the_same_map(name: str) -> None:
+def test_every_dialect_gives_the_same_map(name: str) -> None:
     found = laid(DIALECTS[name])
     expected = np.arange(X.size).reshape(GRID.shape) != LOST
     assert (found.grid.x0_px, found.grid.y0_px, found.grid.step_px, found.grid.nx, found.grid.ny) == (20, 30, 10, 5, 4)
@@ -118,7 +118,7 @@ WRONG = {
     "before the grid": (changed(4, 0, "17"), "line 4, column x: 17 is not on the grid of the first map (20, 30, ... 60)"),
     "point twice": ("\n".join([*good(), good()[3]]), "line 22, column x: the point (40, 30) occurs twice"),
     "point missing": ("\n".join(good()[:-2] + good()[-1:]), "1 points of the grid are missing, the first (50, 60)"),
-    "lost told as still": (STILL, "line 9, column u: 1 points moved by exactly 0 where the points around them moved by 2.5 px"),
+    "lost marked as still": (STILL, "line 9, column u: 1 points moved by exactly 0 where the points around them moved by 2.5 px"),
     "outside the frame": (changed(2, 0, "-20"), "line 2, column x: -20 px is outside the frame of 200 x 200 px"),
     "longer than the frame": (changed(2, 2, "4000"), "line 2, column u: 4000 px is longer than the frame"),
     "one row": ("\n".join(good()[:6]), "the map has 1 different y"),
@@ -127,15 +127,15 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_is_said_with_its_place(name: str) -> None:
-    body, said = WRONG[name]
-    with pytest.raises(BadInput, match=re.escape(said)) as wrong:
+def test_an_error_is_reported_with_its_place(name: str) -> None:
+    body, message = WRONG[name]
+    with pytest.raises(BadInput, match=re.escape(message)) as wrong:
         laid(body.encode("latin-1"))
     assert str(wrong.value).startswith("disparity_0_2.csv: ")
     assert "\n" not in str(wrong.value)
 
 
-def test_a_point_that_truly_stands_still_is_believed() -> None:
+def test_a_truly_stationary_point_is_accepted() -> None:
     turned = "\n".join(["x,y,u,v", *(f"{x:.0f},{y:.0f},{0.02 * (y - 40):.3f},{-0.02 * (x - 40):.3f}" for x, y in zip(X, Y, strict=True))])
     found = laid(turned.encode())
     assert found.valid.all()
@@ -151,7 +151,7 @@ def test_a_map_on_another_grid_is_refused() -> None:
 
 
 @pytest.mark.parametrize("shared", [False, True])
-def test_noise_that_an_engine_does_not_tell_is_read_from_the_map(shared: bool) -> None:
+def test_noise_that_an_engine_does_not_report_is_estimated_from_the_map(shared: bool) -> None:
     y, x = np.mgrid[0:120, 0:150] * 5.0
     smooth = np.cos(2 * np.pi * x / 1000) + 1e-5 * x * y
     noise = RNG.normal(0.0, 1.0, (128, 158))
@@ -187,7 +187,7 @@ def test_usual_names_and_marks_of_lost_points_are_read(name: str, mark: str) -> 
     np.testing.assert_array_equal(found.v_px, np.where(expected, V.reshape(GRID.shape), 0.0))
 
 
-def test_lines_without_any_value_are_left_out() -> None:
+def test_lines_without_any_value_are_omitted() -> None:
     lines = text("x,y,u,v", PLACES, skip=True).decode().splitlines()
     extended = "\n".join([*lines[:4], ",,,", *lines[4:6], "nan,nan,nan,nan", *lines[6:]])
     assert read_disparity_table(extended.encode(), "a").x_px.tolist() == read_disparity_table("\n".join(lines).encode(), "a").x_px.tolist()

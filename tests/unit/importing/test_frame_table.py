@@ -1,4 +1,4 @@
-"""`frames.csv`: what is wrong is said with file, line and column."""
+"""`frames.csv`: errors name file, line and column."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_is_said_with_its_place(name: str) -> None:
+def test_an_error_is_reported_with_its_place(name: str) -> None:
     header, lines, printed = WRONG[name]
     with pytest.raises(BadInput, match=re.escape(printed)) as wrong:
         read(lines, header)

@@ -22,15 +22,15 @@ from semlive.inputs.text_table import (
 )
 
 
-def read(text: str | bytes, *wanted: str | int, given: Convention | None = None, searched: int = 1) -> tuple[Layout, list[list[float]]]:
-    """The wanted numbers of every line."""
+def read(text: str | bytes, *selected: str | int, given: Convention | None = None, searched: int = 1) -> tuple[Layout, list[list[float]]]:
+    """The selected numbers of every line."""
 
     def places(columns: tuple[Column, ...]) -> tuple[int, ...]:
         keys = [column.key for column in columns]
-        for name in wanted:
+        for name in selected:
             if (isinstance(name, str) and keys.count(key_of(name)) != 1) or (isinstance(name, int) and name > len(columns)):
                 raise BadInput(f"{{head}}: column {name} is missing.")
-        return tuple(name - 1 if isinstance(name, int) else keys.index(key_of(name)) for name in wanted)
+        return tuple(name - 1 if isinstance(name, int) else keys.index(key_of(name)) for name in selected)
 
     lines = lines_of(text_of(text if isinstance(text, bytes) else text.encode(), "table"))
     layout = layout_of(lines, "table", places, given, searched)
@@ -60,7 +60,7 @@ SAME = {
     "units behind commas": "Time, s;Force, N;Ext, mm\n12,4;134,2;0,5\n12,5;134,25;-0,5\n",
     "separator at the end": "Time;Force;Ext\n12,4;134,2;0,5;\n12,5;134,25;-0,5;\n",
     "spelling": "TIME;force_;  e x t\n12,4;134,2;0,5\n12,5;134,25;-0,5\n",
-    "words beside numbers": "Day;Force;Ext\n26.11.2026 12:00;134,2;0,5\n26.11.2026 12:01;134,25;-0,5\n",
+    "text next to numbers": "Day;Force;Ext\n26.11.2026 12:00;134,2;0,5\n26.11.2026 12:01;134,25;-0,5\n",
     "minus sign": "Time;Force;Ext\n12,4;134,2;0,5\n12,5;134,25;\N{MINUS SIGN}0,5\n",
     "three digits, shown by another line": "Time;Force;Ext\n0,000;134,200;0,500\n0,100;134,250;-0,500\n",
 }  # fmt: skip
@@ -93,7 +93,7 @@ REFUSED = {
     "by number": (("Time,Force,Ext\n12,4,134,2,0,5\n", 2), COMMAS),
     "without names": (("12,4,134,2,0,5\n", 2), "line 1: may mean '4' and '134', or '4,134'"),
     "units behind commas": (("Time, s,Force, N\n12,4,134,2\n", "Force"), "line 2: may mean '134' and '2', or '134,2'"),
-    "told comma": (("sep=,\nTime,Force\n12,4,134,2\n", 2), "line 3: has 4 cells under 2 names"),
+    "given comma": (("sep=,\nTime,Force\n12,4,134,2\n", 2), "line 3: has 4 cells under 2 names"),
     "a cell lost": (("a;b;c\n1;2;3\n1;2\n", "a"), "line 3: has 2 cells under 3 names, separated by semicolons"),
     "a cell more": (("a;b;c\n1;2;3\n1;2;3;4\n", "a"), "line 3: has 4 cells under 3 names"),
     "two decimal signs": (("a;b\n1,5;2\n1.5;2\n", "a"), "line 3: both '1.5' and '1,5' are numbers"),
@@ -106,7 +106,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_told_is_refused_with_the_reason(name: str) -> None:
+def test_an_undecidable_table_is_refused_with_the_reason(name: str) -> None:
     arguments, printed = REFUSED[name]
     with pytest.raises(BadInput, match=re.escape(printed)) as error:
         read(*arguments)
@@ -122,7 +122,7 @@ def test_one_sign_before_three_digits_is_refused_with_both_readings_unless_it_is
 
 
 @pytest.mark.parametrize("cell", ["1,234.5", "1.234,5", "1,234,567", "1'234.5", "1 234", "1_000", "0x10", "\u0663", "1e", "1,2,3"])
-def test_thousands_and_other_words_are_no_numbers(cell: str) -> None:
+def test_thousands_and_other_texts_are_no_numbers(cell: str) -> None:
     assert number_in(cell, ".") is None
     assert number_in(cell, ",") is None
     assert number_in(cell, "") is None
@@ -145,7 +145,7 @@ def test_a_description_above_the_names_is_passed_over() -> None:
     assert rows == [[134.2]]
 
 
-def test_text_between_names_and_numbers_leaves_a_comma_ambiguous() -> None:
+def test_text_between_names_and_numbers_does_not_resolve_an_ambiguous_comma() -> None:
     """A single column with decimal commas was read as two columns: `Kraft, s` was taken for units."""
     text = "Rate: 0,5 mm/min\nKraft, s\n9643,179\n15343,259\n"
     with pytest.raises(AmbiguousTable, match=r"line 3: may mean .9643. and .179., or .9643,179."):

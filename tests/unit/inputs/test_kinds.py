@@ -33,7 +33,7 @@ def kind(**given: object) -> tuple[tuple[str | int, ...], str] | None:
     return changed_kind(given, Outer.model_validate(given))
 
 
-def test_what_fits_is_kept() -> None:
+def test_values_within_bounds_are_retained() -> None:
     assert kind(count=3, folder="x", pairs=[[1, 2.5]], inner={"rate": 2, "on": True}, inners=[{"rate": 0.5}], either="text") is None
     assert kind() is None
 

@@ -13,7 +13,7 @@ from semlive_drivers.load_file_check import check_load_file
 
 
 class Clock:
-    """A clock that stands still."""
+    """A clock that does not advance."""
 
     def now_ns(self) -> int:
         return 0

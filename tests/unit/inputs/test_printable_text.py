@@ -28,12 +28,12 @@ def test_control_characters_are_shown_as_escape_sequences(text: str, shown: str)
     assert printable(text) == shown
 
 
-def test_line_breaks_stay_where_they_are_wanted() -> None:
+def test_line_breaks_are_retained_on_request() -> None:
     assert printable("one\ntwo\x1b", keep="\n") == "one\ntwo\\x1b"
 
 
 @given(st.text())
-def test_nothing_hidden_is_left(text: str) -> None:
+def test_no_hidden_character_remains(text: str) -> None:
     shown = printable(text)
     assert not any(unicodedata.category(item) in ("Cc", "Cf", "Cs", "Zl", "Zp") for item in shown)
     assert printable(shown) == shown

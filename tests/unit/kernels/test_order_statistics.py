@@ -37,7 +37,7 @@ def test_median_of_the_stencil_is_numpys(shape, step):
 
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("masked", [False, True])
-def test_gradient_products_are_those_of_whole_images(axis, masked):
+def test_gradient_products_are_those_of_complete_images(axis, masked):
     rng = np.random.default_rng(5)
     image = rng.standard_normal((45, 38)).astype(np.float32)
     usable = (rng.random(image.shape) > 0.2).astype(np.float32) if masked else None
@@ -76,20 +76,20 @@ def test_company_is_the_size_of_connected_groups():
     for shape in ((1, 1), (1, 9), (9, 1), (40, 37)):
         u, v, sigma = rng.standard_normal(shape), rng.standard_normal(shape), 0.1 * rng.random(shape)
         gradient = (0.1 * rng.standard_normal((*shape, 4))).astype(np.float32)
-        among = rng.random(shape) > 0.2
+        selected = rng.random(shape) > 0.2
         linked = np.zeros((2 * shape[0] - 1, 2 * shape[1] - 1), dtype=bool)
-        linked[::2, ::2] = among
+        linked[::2, ::2] = selected
         for axis, here, there, place in (
             (0, np.s_[:, :-1], np.s_[:, 1:], np.s_[::2, 1::2]),
             (1, np.s_[:-1], np.s_[1:], np.s_[1::2, ::2]),
         ):
-            left = [
+            brute_force = [
                 np.abs(value[there] - value[here] - np.float32(2.5) * (gradient[here][..., k] + gradient[there][..., k]))
                 for value, k in ((u, axis), (v, 2 + axis))
             ]
-            linked[place] = among[here] & among[there] & (np.maximum(*left) <= 1.5 + SIGMAS * sigma[here])
+            linked[place] = selected[here] & selected[there] & (np.maximum(*brute_force) <= 1.5 + SIGMAS * sigma[here])
         label = np.zeros(linked.shape, dtype=np.int32)
         ndimage.label(linked, output=label)
         label = label[::2, ::2]
-        expected = np.where(among, np.bincount(label.ravel())[label], 0)
-        assert np.array_equal(cluster_sizes(u, v, gradient, sigma, among, 2.5, 1.5), expected)
+        expected = np.where(selected, np.bincount(label.ravel())[label], 0)
+        assert np.array_equal(cluster_sizes(u, v, gradient, sigma, selected, 2.5, 1.5), expected)

@@ -28,7 +28,7 @@ def test_a_surface_is_the_product_of_rows_along_y_and_x():
     np.testing.assert_allclose(evaluate_surface(INDEX_Y, VALUE_Y, INDEX_X, VALUE_X, surface), expected, atol=1e-12)
 
 
-def test_numbers_of_terms_that_are_known_beforehand_give_the_same():
+def test_a_given_number_of_terms_gives_the_same_columns():
     six_y, six_x = RNG.integers(0, 4, (POINTS, 1)) + np.arange(6), RNG.integers(0, 3, (POINTS, 1)) + np.arange(6)
     value_y, value_x, surface = RNG.normal(size=(POINTS, 6)), RNG.normal(size=(POINTS, 6)), RNG.normal(size=(NY + 3, NX, 2))
     rows_y, rows_x = dense(six_y, value_y, NY + 3), dense(six_x, value_x, NX)
@@ -49,7 +49,7 @@ def test_a_curve_is_the_product_of_rows():
     np.testing.assert_allclose(evaluate_curve(INDEX_X, VALUE_X, curve), ROWS_X @ curve, atol=1e-12)
 
 
-def test_fields_between_points_are_bilinear_and_say_how_their_corners_differ():
+def test_fields_between_points_are_bilinear_and_report_the_spread_of_their_corners():
     fields, status = RNG.normal(size=(3, NY, NX)), RNG.integers(0, 3, (NY, NX)).astype(np.uint8)
     x, y = RNG.uniform(-1.0, NX, POINTS), RNG.uniform(-1.0, NY, POINTS)
     value, spread, worst, sound = interpolate_bilinear(x, y, fields, status)

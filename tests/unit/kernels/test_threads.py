@@ -1,4 +1,4 @@
-"""Work over threads: never more than allowed, nothing lost, one chain's thread goes on with the other's work."""
+"""Work over threads: never more than allowed, nothing lost, an idle thread takes work of another chain."""
 
 import threading
 import time
@@ -11,8 +11,8 @@ from semlive.kernels import threads
 class Watched:
     """Counts how many are at work at the same time, and who."""
 
-    def __init__(self, wanted=1):
-        self.wanted = wanted
+    def __init__(self, workers=1):
+        self.workers = workers
         self.lock = threading.Lock()
         self.now = 0
         self.most = 0
@@ -26,7 +26,7 @@ class Watched:
         time.sleep(0.003)
         # Others get some time to come; a busy computer begins a thread late.
         end_s = time.monotonic() + 0.2
-        while self.most < self.wanted and time.monotonic() < end_s:
+        while self.most < self.workers and time.monotonic() < end_s:
             time.sleep(0.001)
         with self.lock:
             self.now -= 1
@@ -54,7 +54,7 @@ def test_two_chains_at_once_keep_to_what_is_allowed(allowed):
     assert work.most == allowed
 
 
-def test_a_thread_that_has_done_with_one_chain_goes_on_with_the_other(monkeypatch):
+def test_a_thread_that_has_finished_one_chain_continues_with_the_other(monkeypatch):
     monkeypatch.setattr(threads, "thread_count", lambda: 2)
     work = Watched(2)
     assert threads.run_pair_in_parallel(lambda: threads.parallel_chunks(work, 30, 1), lambda: time.sleep(0.01) or "short") == (

@@ -18,7 +18,7 @@ WINDOWS = {
 }
 
 
-def maps(seen: object, lost: float = 0.0, sigma_px: float = 0.02, drift_px: float = 0.0) -> list[DisparityMap]:
+def maps(window: object, lost: float = 0.0, sigma_px: float = 0.02, drift_px: float = 0.0) -> list[DisparityMap]:
     """Two maps of noise seen through a window, with a smooth field, and with drift that differs from row to row."""
     rng, points = np.random.default_rng(5), np.arange(40, SIZE_PX - 40, STEP_PX)
     grid = Grid(40, 40, STEP_PX, len(points), len(points), 0)
@@ -27,7 +27,7 @@ def maps(seen: object, lost: float = 0.0, sigma_px: float = 0.02, drift_px: floa
     for number in range(2):
         fields = []
         for _ in range(2):
-            noise = seen(rng.normal(size=(SIZE_PX, SIZE_PX)))  # type: ignore[operator]
+            noise = window(rng.normal(size=(SIZE_PX, SIZE_PX)))  # type: ignore[operator]
             rows = drift_px * np.cumsum(rng.normal(size=len(points)))[:, None]
             fields.append(sigma_px * (noise / noise.std())[np.ix_(points, points)] + 0.3 * (y / SIZE_PX) ** 2 - 1e-3 * x + rows)
         valid = rng.uniform(size=x.shape) >= lost
@@ -40,15 +40,15 @@ def maps(seen: object, lost: float = 0.0, sigma_px: float = 0.02, drift_px: floa
 
 @pytest.mark.parametrize("name", WINDOWS)
 def test_edge_and_noise_of_a_window_are_found(name: str) -> None:
-    seen, edge_px = WINDOWS[name]
-    found = correlation_of(maps(seen))
+    window, edge_px = WINDOWS[name]
+    found = correlation_of(maps(window))
     assert found is not None
     assert found.edge_px == pytest.approx(edge_px, rel=0.15)
     assert found.sigma_px == pytest.approx((0.02, 0.02), rel=0.15)
     assert found.subset_px % 2 == 1
 
 
-def test_independent_points_are_known_as_such() -> None:
+def test_independent_points_are_recognised() -> None:
     found = correlation_of(maps(lambda white: white))
     assert found is not None
     assert (found.subset_px, found.own_fraction) == (0, 1.0)
@@ -66,7 +66,7 @@ def test_drift_from_row_to_row_is_no_correlation() -> None:
     assert found.edge_px == pytest.approx(43.0, rel=0.2)
 
 
-def test_maps_without_noise_say_nothing() -> None:
+def test_maps_without_noise_give_no_correlation_length() -> None:
     assert correlation_of(maps(WINDOWS["square"][0], sigma_px=1e-6)) is None
 
 

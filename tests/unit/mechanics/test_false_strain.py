@@ -31,7 +31,7 @@ def test_points_that_leave_the_calibrated_grid_are_not_valid() -> None:
     assert found.valid[:, :-5].all()
 
 
-def test_an_affine_distortion_feigns_nothing() -> None:
+def test_an_affine_distortion_causes_no_apparent_strain() -> None:
     x, y = GRID.mesh()
     found = mechanics.false_strain(field(1e-3 * x, -2e-3 * y), (5.0, 5.0), 9)
     assert np.abs(found.exx[found.valid]).max() < 1e-12

@@ -53,7 +53,7 @@ def test_what_the_correction_adds_is_in_it_and_a_filtered_gauge_states_nothing()
 
 
 @pytest.mark.parametrize("settings", [StrainSettings(), StrainSettings(order=2), StrainSettings(order=2, weights="gaussian")])
-def test_the_weights_of_a_whole_window_are_those_of_the_fit(settings: StrainSettings) -> None:
+def test_the_weights_of_a_complete_window_are_those_of_the_fit(settings: StrainSettings) -> None:
     moved = noisy()
     (ux, uy, _, _), _ = gradients(moved, 7, settings)
     cut = moved.u_px[10:17, 20:27]

@@ -79,7 +79,7 @@ def loaded(load_n: float, axial: float, transverse: float, sigma: float) -> tupl
 
 
 def test_elastic_constants_with_a_zero_offset_and_noise() -> None:
-    """E and Poisson's ratio cover the truth as often as their sigmas say; an offset of strain changes nothing."""
+    """E and Poisson's ratio cover the truth as often as their sigmas predict; an offset of strain changes nothing."""
     loads, sigma, load_sigma = np.repeat(np.linspace(0, 2200, 7), 2), 1e-5, 3.0
     z = []
     for _ in range(300):

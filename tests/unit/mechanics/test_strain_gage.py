@@ -1,4 +1,4 @@
-"""DIC beside a strain gage."""
+"""DIC compared with a strain gage."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ LOADS_N = np.linspace(100.0, 2200.0, 7)
 Points = list[tuple[int, float, MeasuredValue, StrainSummary]]
 
 
-def steps(factor: float = 1.0, noise: float = 0.0, seed: int = 0, said_noise: float = 1e-7) -> Points:
+def steps(factor: float = 1.0, noise: float = 0.0, seed: int = 0, stated_noise: float = 1e-7) -> Points:
     rng, each = np.random.default_rng(seed), Tensor2(1e-5, 1e-5, 1e-5)
     points = []
     for pair, load_n in enumerate(LOADS_N):
         axial = load_n / AREA_MM2 / MODULUS_MPA
         by_dic = Tensor2(-RATIO * axial + 2e-5 + noise * rng.normal(), axial - 5e-5 + noise * rng.normal(), 0.0)
-        by_gage = MeasuredValue(factor * axial + 3e-4 + (said_noise * rng.normal() if noise else 0.0), said_noise)
+        by_gage = MeasuredValue(factor * axial + 3e-4 + (stated_noise * rng.normal() if noise else 0.0), stated_noise)
         points.append((pair, float(load_n), by_gage, StrainSummary(2 * pair, by_dic, each, each, 83.0)))
     return points
 
@@ -37,7 +37,7 @@ def test_slopes_do_not_feel_where_either_one_has_its_zero() -> None:
     assert found.steps[3].dic_strain == pytest.approx(LOADS_N[3] / AREA_MM2 / MODULUS_MPA - 5e-5)
 
 
-def test_a_wrong_factor_lies_within_its_uncertainty_and_beyond_it_the_operator_is_told() -> None:
+def test_a_gage_factor_beyond_its_uncertainty_is_reported() -> None:
     fair = mechanics.compare_with_gage(steps(1.005), AREA_MM2, factor_sigma=0.005)
     assert abs(fair.youngs_modulus_gpa.value - 71.1) < 1.1 * fair.youngs_modulus_gpa.sigma
     assert abs(fair.dic_over_gage.value - 1.0) < fair.dic_over_gage.sigma
@@ -49,7 +49,7 @@ def test_a_wrong_factor_lies_within_its_uncertainty_and_beyond_it_the_operator_i
 
 
 def test_what_is_stated_holds() -> None:
-    """Each of the three figures errs by as much as it says, over 400 experiments with noise in both, the gage's factor included."""
+    """Each of the three figures has its stated error, over 400 experiments with noise in both, the gage's factor included."""
     rng, z = np.random.default_rng(5), []
     for seed in range(400):
         found = mechanics.compare_with_gage(steps(1.0 + 0.004 * rng.normal(), 1e-5, seed, 2e-6), AREA_MM2, factor_sigma=0.004)
@@ -71,7 +71,7 @@ def test_the_image_axis_that_is_pulled_is_compared() -> None:
     assert mechanics.compare_with_gage(turned, AREA_MM2, "x").poissons_ratio.value == pytest.approx(RATIO)
 
 
-def test_one_load_or_a_gage_that_stands_still_is_refused() -> None:
+def test_one_load_or_a_constant_gage_is_refused() -> None:
     with pytest.raises(IllPosed, match="two or more different loads"):
         mechanics.compare_with_gage(steps()[:1], AREA_MM2)
     with pytest.raises(IllPosed, match="does not follow the load"):

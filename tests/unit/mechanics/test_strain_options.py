@@ -70,7 +70,7 @@ def test_second_order_is_exact_at_edges_where_strain_varies() -> None:
     assert bent.valid[:, 0].all()
 
 
-def test_green_lagrange_sees_no_strain_in_a_rotation() -> None:
+def test_green_lagrange_strain_of_a_rotation_is_zero() -> None:
     x, y = GRID.mesh()
     c, s = np.cos(0.03), np.sin(0.03)
     one = moved((c - 1) * x - s * y, s * x + (c - 1) * y)

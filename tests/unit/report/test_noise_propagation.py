@@ -52,7 +52,7 @@ def test_single_points_scatter_as_stated_but_for_their_own_mean() -> None:
 
 
 def test_points_whose_subsets_do_not_touch_are_independent() -> None:
-    apart = Grid(30, 30, 21, 12, 10, 21)
-    assert effective_sample_size(apart) == pytest.approx(120.0)
-    white = noise_scatter(apart, 3, 0.02, 0.02, full=True)
+    wide = Grid(30, 30, 21, 12, 10, 21)
+    assert effective_sample_size(wide) == pytest.approx(120.0)
+    white = noise_scatter(wide, 3, 0.02, 0.02, full=True)
     assert white.exx == pytest.approx(0.02 / (21 * np.sqrt(6)), rel=0.02)

@@ -1,4 +1,4 @@
-"""A score says when stated uncertainties are wrong, and only then."""
+"""A score reports wrong uncertainties, and only those."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def judged(errors: RunErrors) -> dict[str, Score]:
     return {item.name: item for item in scores_of(errors)}
 
 
-def test_honest_uncertainties_are_found_honest() -> None:
+def test_correct_uncertainties_are_rated_correct() -> None:
     """At 95 % a few of many rows are outside by chance: over seeds no more than that."""
     outside = [not item.covers(0.95) for seed in range(20) for item in scores_of(drawn(seed)) if not item.detail]
     assert np.mean(outside) < 0.08
@@ -99,7 +99,7 @@ def test_independent_values_are_counted_from_the_errors_themselves() -> None:
     assert np.mean(smooth) == pytest.approx(60 * 80 / (2 * np.pi * 3.0**2), rel=0.35)
 
 
-def test_the_json_is_finite_and_has_the_promised_keys() -> None:
+def test_the_json_is_finite_and_has_the_documented_keys() -> None:
     for item in judged(drawn(4)).values():
         reported = item.to_json()
         assert list(reported) == ["truth", "value", "sigma", "error", "unit", "inside68", "inside95"]
@@ -118,7 +118,7 @@ def test_figures_go_to_a_folder_or_to_one_sheet(tmp_path: Path) -> None:
         save_figures(errors, tmp_path / "taken")
 
 
-def test_a_field_is_seen_by_its_mean_over_a_subset() -> None:
+def test_a_field_is_compared_by_its_mean_over_a_subset() -> None:
     at = np.random.default_rng(3).uniform(-100.0, 100.0, (5, 2))
 
     def bent(address: np.ndarray) -> np.ndarray:

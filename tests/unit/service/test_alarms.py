@@ -42,12 +42,12 @@ def found(*payloads: Payload) -> list[tuple[str, str]]:
 
 
 def test_every_fault_is_an_alarm() -> None:
-    known = alarms(fault(1, "it is full", "log"), fault(2, "no point converged", "pair 3"), fault(3, code="link_lost")).listed
-    assert [(item.code, item.where) for item in known] == [("log", "log"), ("analysis", "pair 3"), ("link_lost", "load frame")]
-    assert not any(item.acknowledged for item in known)
+    listed = alarms(fault(1, "it is full", "log"), fault(2, "no point converged", "pair 3"), fault(3, code="link_lost")).listed
+    assert [(item.code, item.where) for item in listed] == [("log", "log"), ("analysis", "pair 3"), ("link_lost", "load frame")]
+    assert not any(item.acknowledged for item in listed)
 
 
-def test_a_transition_without_a_fault_message_is_an_alarm_with_the_sentence_that_follows() -> None:
+def test_a_transition_without_a_fault_message_is_an_alarm_with_the_text_that_follows() -> None:
     assert found(state(1, "ramping", "fault", "limit"), line(1.2, "the load is beyond its limit"), line(1.3, "frame 3 is not used")) == [
         (FaultCode.LIMIT, "the load is beyond its limit")
     ]
@@ -83,23 +83,23 @@ def test_staying_in_fault_and_leaving_it_are_no_alarms() -> None:
 def test_an_alarm_is_open_until_it_is_acknowledged_whatever_the_run_does(resumed: bool) -> None:
     reported_text = [fault(1, code="link_lost"), fault(5, code="limit")]
     reported_text += [state(6, "fault", "recover", "resume"), state(7, "recover", "ramping", "resume")] if resumed else []
-    known = alarms(*reported_text)
-    assert len(known.open) == 2
-    known = reduce(after, (acknowledge(8, str(at(1))), acknowledge(9, "no alarm"), acknowledge(10, str(at(1)))), known)
-    assert [item.code for item in known.open] == ["limit"]
-    first = known.listed[0]
+    listed = alarms(*reported_text)
+    assert len(listed.open) == 2
+    listed = reduce(after, (acknowledge(8, str(at(1))), acknowledge(9, "no alarm"), acknowledge(10, str(at(1)))), listed)
+    assert [item.code for item in listed.open] == ["limit"]
+    first = listed.listed[0]
     assert (first.acknowledged_ns, first.acknowledged_by) == (at(8), "page at 127.0.0.1")
 
 
 def test_one_alarm_or_all_are_acknowledged_and_none_twice() -> None:
-    known = alarms(fault(1), fault(2, code="limit"), fault(2, code="link_lost"))
-    assert [item.args for item in acknowledgements(known, str(at(2)), "", at(3))] == [{"alarm": str(at(2))}]
-    everything = acknowledgements(known, None, "terminal", at(3))
+    listed = alarms(fault(1), fault(2, code="limit"), fault(2, code="link_lost"))
+    assert [item.args for item in acknowledgements(listed, str(at(2)), "", at(3))] == [{"alarm": str(at(2))}]
+    everything = acknowledgements(listed, None, "terminal", at(3))
     assert [item.args for item in everything] == [{"alarm": str(at(1)), "by": "terminal"}, {"alarm": str(at(2)), "by": "terminal"}]
-    known = reduce(after, everything, known)
-    assert not known.open
-    assert not acknowledgements(known, None, "terminal", at(4))
-    assert not acknowledgements(known, "7", "terminal", at(4))
+    listed = reduce(after, everything, listed)
+    assert not listed.open
+    assert not acknowledgements(listed, None, "terminal", at(4))
+    assert not acknowledgements(listed, "7", "terminal", at(4))
 
 
 def test_text_from_outside_is_shown_without_control_characters() -> None:
@@ -108,21 +108,21 @@ def test_text_from_outside_is_shown_without_control_characters() -> None:
 
 def test_very_many_alarms_are_bounded_and_the_one_that_matters_stays() -> None:
     first = (fault(0, code="log"), acknowledge(0.5, str(at(0))), fault(1, "it moves on", code="stop_not_obeyed"))
-    known = alarms(*first, *(fault(2 + number, code="analysis") for number in range(600)))
-    assert len(known.listed) == 500
-    assert known.forgotten == 102
-    assert known.listed[0].disobeyed
-    assert known.listed[-1].time_ns == at(601)
+    listed = alarms(*first, *(fault(2 + number, code="analysis") for number in range(600)))
+    assert len(listed.listed) == 500
+    assert listed.forgotten == 102
+    assert listed.listed[0].disobeyed
+    assert listed.listed[-1].time_ns == at(601)
 
 
 def test_a_limit_that_link_thread_and_protocol_find_in_one_reading_is_one_alarm() -> None:
-    known = Alarms()
+    listed = Alarms()
     for where, late_ns in (("protocol", 0), ("load frame", 3_000_000)):
         reported_text = FaultMessage(time_ns=1_000 + late_ns, what="the load is 950 N", where=where, action="stopped", code="limit")
-        known = after(known, reported_text)
-    assert len(known.listed) == 1
+        listed = after(listed, reported_text)
+    assert len(listed.listed) == 1
     other = FaultMessage(time_ns=2_000, what="another", where="load frame", action="stopped", code="load_jump")
-    assert len(after(known, other).listed) == 2
+    assert len(after(listed, other).listed) == 2
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What analysis makes of exported files as the log tells them: text beside images, frozen images, other clocks."""
+"""Analysis of exported files as the log records them: sidecar texts, frozen images, other clocks."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def exported(number: int, made: EncodedFrame, settled_ns: int = END_NS + S) -> E
 
 
 class _Now:
-    """A clock that stands."""
+    """A clock that does not advance."""
 
     def now_ns(self) -> int:
         return END_NS
@@ -142,7 +142,7 @@ def test_frozen_pixels_under_a_new_header_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("late_s", [1, 3601])
-def test_the_clocks_of_sem_and_share_are_told_with_the_first_frame(tmp_path: Path, late_s: int) -> None:
+def test_clock_offsets_of_sem_and_share_are_reported_with_the_first_frame(tmp_path: Path, late_s: int) -> None:
     reported = analysed(logged(tmp_path, exported(0, product(1), END_NS + late_s * S)))
     clocks = {item.clock: item for item in reported if isinstance(item, ClockOffsetMessage)}
     assert clocks["sem"].offset_s == pytest.approx(0.5 - late_s)
@@ -150,7 +150,7 @@ def test_the_clocks_of_sem_and_share_are_told_with_the_first_frame(tmp_path: Pat
     assert bool(clocks["sem"].advice) == (late_s > 60)
 
 
-def test_what_analysis_reports_of_clocks_counts_as_its_own_when_a_run_is_taken_up_again(tmp_path: Path) -> None:
+def test_clock_offsets_reported_by_analysis_count_as_its_own_in_a_resumed_run(tmp_path: Path) -> None:
     state, outputs = WorkerState(), []
     for message in logged(tmp_path, exported(0, product(1)), exported(1, product(1)), exported(2, product(2))):
         state, more = process_message(state, message)

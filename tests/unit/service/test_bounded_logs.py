@@ -31,8 +31,8 @@ DEEP = b"[" * 100_000 + b"]" * 100_000
 _BLOCK = bytes(2**24)
 
 
-def chunk(compression: bytes, data: bytes, said_bytes: int) -> bytes:
-    body = struct.pack("<QQQII", 0, 0, said_bytes, 0, len(compression)) + compression + struct.pack("<Q", len(data)) + data
+def chunk(compression: bytes, data: bytes, stated_bytes: int) -> bytes:
+    body = struct.pack("<QQQII", 0, 0, stated_bytes, 0, len(compression)) + compression + struct.pack("<Q", len(data)) + data
     return struct.pack("<BQ", 6, len(body)) + body
 
 
@@ -42,10 +42,10 @@ def zeros(size: int) -> bytes:
     return b"".join(packing.compress(_BLOCK) for _ in range(size // len(_BLOCK))) + packing.flush()
 
 
-@pytest.mark.parametrize("said_bytes", [1000, 2**28, 2**62])
-def test_a_chunk_that_expands_without_bound_is_refused_whatever_it_reports_of_its_size(tmp_path: Path, said_bytes: int) -> None:
+@pytest.mark.parametrize("stated_bytes", [1000, 2**28, 2**62])
+def test_a_chunk_that_expands_without_bound_is_refused_whatever_it_reports_of_its_size(tmp_path: Path, stated_bytes: int) -> None:
     path = tmp_path / "log.mcap"
-    path.write_bytes(HEAD + chunk(b"zstd", zeros(2**28), said_bytes))
+    path.write_bytes(HEAD + chunk(b"zstd", zeros(2**28), stated_bytes))
     for look in (lambda: list(messages(path)), lambda: first_run(path), lambda: recover_segment(path, tmp_path / "out.mcap")):
         with pytest.raises(BadLog, match=r"log\.mcap: a chunk of \d+ kB expands to more than 32 MiB"):
             look()

@@ -23,8 +23,8 @@ def test_at_an_instrument_experiment_time_is_utc() -> None:
     clock = open_clock(None)
     assert isinstance(clock, SystemClock)
     before_ns = time.time_ns()
-    told_ns = clock.now_ns()
-    assert before_ns - 50_000_000 < told_ns < time.time_ns() + 50_000_000
+    reported_ns = clock.now_ns()
+    assert before_ns - 50_000_000 < reported_ns < time.time_ns() + 50_000_000
 
 
 def test_a_published_rate_is_followed(tmp_path: Path) -> None:
@@ -40,7 +40,7 @@ def test_a_published_rate_is_followed(tmp_path: Path) -> None:
     assert 100 * (again_early_ns - late_ns) - 1000 <= again - first <= 100 * (time.monotonic_ns() - early_ns) + 1000
 
 
-def test_a_stretched_clock_is_taken_up_and_never_goes_back(tmp_path: Path) -> None:
+def test_a_stretched_clock_is_continued_and_never_goes_back(tmp_path: Path) -> None:
     path = tmp_path / "clock.json"
     published = Clock(10**18, time.monotonic_ns(), 100.0)
     publish(path, published)

@@ -1,4 +1,4 @@
-"""Clocks of the SEM's computer and of the share, as files tell them."""
+"""Clock offsets of the SEM's computer and of the share, estimated from files."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from semlive.service.watch.clock_offsets import FileClockOffsets, probe_share
 
 S = 10**9
 T0 = 1_772_439_825 * S
-KNOWN = Provenance.FILE
-TIMING = ScanTiming(Sourced(1e-5, KNOWN), Sourced(0.02, KNOWN), Sourced(20.0, KNOWN), Sourced(1, KNOWN))
+FROM_FILE = Provenance.FILE
+TIMING = ScanTiming(Sourced(1e-5, FROM_FILE), Sourced(0.02, FROM_FILE), Sourced(20.0, FROM_FILE), Sourced(1, FROM_FILE))
 
 
 def after(
@@ -33,9 +33,9 @@ def after(
         8,
         0,
         TIMING,
-        Sourced(0, KNOWN),
+        Sourced(0, FROM_FILE),
         0.3,
-        Sourced(1e-6, KNOWN),
+        Sourced(1e-6, FROM_FILE),
         embedded_time_ns=printed,
         start_anchor="end",
     )
@@ -44,7 +44,7 @@ def after(
     return clocks.updated(file, info, ScanProfile())
 
 
-def test_a_clock_an_hour_ahead_is_known_within_the_time_that_an_export_takes() -> None:
+def test_a_clock_an_hour_ahead_is_determined_within_the_duration_of_an_export() -> None:
     clocks, reported = FileClockOffsets.with_poll_interval(1.0), []
     for number in range(20):
         clocks, more = after(clocks, T0 + round(number * 31.37 * S), number, 3600.0, 0.5 + 0.1 * (number % 5))
@@ -58,7 +58,7 @@ def test_a_clock_an_hour_ahead_is_known_within_the_time_that_an_export_takes() -
     assert all(not item.advice for item in reported if item.clock == "share")
 
 
-def test_a_right_clock_is_told_without_advice() -> None:
+def test_a_correct_clock_is_reported_without_advice() -> None:
     clocks, reported = after(FileClockOffsets.with_poll_interval(1.0), T0, 0, 0.0, 1.0)
     assert [item.advice for item in reported] == ["", ""]
     assert [item.reason for item in reported] == ["first file with this clock"] * 2
@@ -85,22 +85,22 @@ def test_late_files_are_no_step_of_a_clock_and_a_clock_that_is_set_is() -> None:
     assert step.offset_s == pytest.approx(3600.0, abs=2.0)
 
 
-def test_files_of_older_logs_tell_nothing() -> None:
+def test_files_of_older_logs_give_no_clock_offset() -> None:
     clocks = FileClockOffsets.with_poll_interval(1.0)
-    info = FrameInfo(0, "a.tif", "fei", 8, 8, 0, TIMING, Sourced(0, KNOWN), 0.3, Sourced(1e-6, KNOWN), embedded_time_ns=T0)
+    info = FrameInfo(0, "a.tif", "fei", 8, 8, 0, TIMING, Sourced(0, FROM_FILE), 0.3, Sourced(1e-6, FROM_FILE), embedded_time_ns=T0)
     assert clocks.updated(ExportedFile(0, "a.tif", b"", "", T0, T0), info, ScanProfile()) == (clocks, ())
 
 
 def test_a_time_that_marks_the_start_is_held_against_the_end() -> None:
     info = FrameInfo(
-        0, "a", "fei", 8, 8, 0, TIMING, Sourced(0, KNOWN), 0.3, Sourced(1e-6, KNOWN), embedded_time_ns=T0, start_anchor="start"
+        0, "a", "fei", 8, 8, 0, TIMING, Sourced(0, FROM_FILE), 0.3, Sourced(1e-6, FROM_FILE), embedded_time_ns=T0, start_anchor="start"
     )
     file = replace(ExportedFile(0, "a", b"", "", T0 + 20 * S, T0 + 22 * S), stable_time_ns=T0 + 21 * S)
     clocks, _ = FileClockOffsets.with_poll_interval(1.0).updated(file, info, ScanProfile())
     assert clocks.sem.offset_s == pytest.approx(-1.0)
 
 
-def test_a_share_reports_its_time_when_asked(tmp_path: Path) -> None:
+def test_a_share_reports_its_time_on_request(tmp_path: Path) -> None:
     reported = probe_share(tmp_path, time.time_ns)
     assert reported is not None
     assert abs(reported.offset_s) < 0.1 + reported.sigma_s

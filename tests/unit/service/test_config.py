@@ -1,4 +1,4 @@
-"""The configuration file: what it says, and what it refuses."""
+"""The configuration file: its content, and what it refuses."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def given(**more: Any) -> dict[str, Any]:
     return {**base, **more}
 
 
-def refusal(said: object) -> str:
+def refusal(message: object) -> str:
     with pytest.raises(BadConfig) as error:
-        parse_config(said, "run.yaml")
+        parse_config(message, "run.yaml")
     return str(error.value)
 
 
@@ -91,20 +91,20 @@ def test_folders_are_relative_to_the_file(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_wrong_is_named(change: dict[str, Any], words: str) -> None:
-    said = refusal(given(**change))
-    assert said.startswith("run.yaml: ")
-    assert words in said
-    assert "\n" not in said
+    message = refusal(given(**change))
+    assert message.startswith("run.yaml: ")
+    assert words in message
+    assert "\n" not in message
 
 
 @pytest.mark.parametrize("device", ["load_frame", "stage"])
-def test_a_device_that_is_read_too_seldom_is_refused_for_a_run_and_not_in_an_old_log(tmp_path: Path, device: str) -> None:
-    seldom = given(**{device: {**given()[device], "poll_s": 0.5}})
+def test_a_device_with_a_long_polling_period_is_refused_for_a_run_and_not_in_an_old_log(tmp_path: Path, device: str) -> None:
+    slow_polling = given(**{device: {**given()[device], "poll_s": 0.5}})
     path = tmp_path / "run.yaml"
-    path.write_text(yaml.safe_dump(seldom))
+    path.write_text(yaml.safe_dump(slow_polling))
     with pytest.raises(BadConfig, match=rf"{device}\.poll_s: 0\.5 s between readings, which are stale after limits\.stale_after_s, 0\.5 s"):
         load_config(path)
-    assert parse_config(seldom, "log").plan()
+    assert parse_config(slow_polling, "log").plan()
 
 
 def test_what_is_no_yaml_is_named_with_its_line(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_what_is_no_yaml_is_named_with_its_line(tmp_path: Path) -> None:
     path.write_text("sem:\n  folder: [a\nprotocol: }\n")
     with pytest.raises(BadConfig, match="line 3 is not YAML"):
         load_config(path)
-    assert "there are no sections" in refusal("only words")
+    assert "there are no sections" in refusal("only text")
 
 
 @pytest.mark.checkout
@@ -127,10 +127,10 @@ def refused_file(tmp_path: Path, text: str) -> str:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(BadConfig) as error:
         load_config(path)
-    said = str(error.value)
-    assert said.startswith(f"{path}: ")
-    assert "\n" not in said
-    return said
+    message = str(error.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message
 
 
 def test_the_line_of_what_is_wrong_is_named(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a run that is followed pair by pair holds in memory: little for every pair, though its result knows them all."""
+"""What a run that is followed pair by pair holds in memory: little for every pair, though its result uses all of them."""
 
 from __future__ import annotations
 
@@ -54,18 +54,18 @@ def maps(pair: int) -> tuple[DisparityMap, ...]:
     return tuple(found)
 
 
-def followed(begun: pipeline.AnalysisState | None, pairs: range, keep: Storage) -> pipeline.AnalysisState:
+def followed(state: pipeline.AnalysisState | None, pairs: range, keep: Storage) -> pipeline.AnalysisState:
     """As the daemon's analysis does it, but for the pixels."""
     settings = AnalysisSettings(estimate=EstimateSettings(drift_knots_per_frame=1.0, distortion_knot_px=160.0))
     for pair in pairs:
-        begun = begun or pipeline.start_from_maps(settings, decision(0).first, GRID)
-        begun, _ = pipeline.add_pair(begun, decision(pair), tuple(begun.storage.store_map(one) for one in maps(pair)))
-        begun = offload_pair(begun, pair, (), keep)
-        begun, _ = pipeline.review_hyperparameters(begun)
+        state = state or pipeline.start_from_maps(settings, decision(0).first, GRID)
+        state, _ = pipeline.add_pair(state, decision(pair), tuple(state.storage.store_map(one) for one in maps(pair)))
+        state = offload_pair(state, pair, (), keep)
+        state, _ = pipeline.review_hyperparameters(state)
         if isinstance(keep, PairArchive | MapStore):
             keep.flush()
-    assert begun is not None
-    return begun
+    assert state is not None
+    return state
 
 
 def held_bytes() -> int:
@@ -74,56 +74,56 @@ def held_bytes() -> int:
     return tracemalloc.get_traced_memory()[0]
 
 
-Kept = tuple[pipeline.AnalysisState, Storage]
+StoredRun = tuple[pipeline.AnalysisState, Storage]
 
 
 @pytest.fixture(scope="module")
-def live() -> Kept:
+def live() -> StoredRun:
     """A live run beyond 32 pairs, from where on pairs are eliminated one by one, with a choice at 48, and where it is kept."""
     keep = PairArchive()
     return followed(None, range(EVERY), keep), keep
 
 
 @pytest.fixture(scope="module")
-def replayed() -> Kept:
+def replayed() -> StoredRun:
     """The same of a replay."""
     keep = MapStore(in_memory_bytes=0)
     return followed(None, range(EVERY), keep), keep
 
 
-def test_a_run_kept_beside_memory_is_the_same_to_the_last_bit(live: Kept, replayed: Kept) -> None:
+def test_a_run_stored_outside_of_memory_is_identical_to_the_last_bit(live: StoredRun, replayed: StoredRun) -> None:
     plain = followed(None, range(EVERY), IN_MEMORY)
     for one, _ in (live, replayed):
         np.testing.assert_array_equal(one.solution.mean, plain.solution.mean)
         assert (one.solution.hyper, one.solution.terms) == (plain.solution.hyper, plain.solution.terms)
         assert list(one.pairs) == list(plain.pairs)
         assert list(one.reported) == list(plain.reported)
-        assert [told.summary for told in one.reported.values()] == [told.summary for told in plain.reported.values()]
+        assert [report.summary for report in one.reported.values()] == [report.summary for report in plain.reported.values()]
         results = [pipeline.finalise(each) for each in (one, plain)]
         assert results[0].summaries == results[1].summaries
         assert results[0].estimate.motions[-1].shift_px.tolist() == results[1].estimate.motions[-1].shift_px.tolist()
 
 
-def grown_bytes(run: Kept) -> float:
+def grown_bytes(run: StoredRun) -> float:
     """By how much a pair makes what is held in memory grow, between two choices."""
-    begun, keep = run
+    state, keep = run
     tracemalloc.start()
     try:
-        begun = followed(begun, range(EVERY, EVERY + 2), keep)  # what is made once
+        state = followed(state, range(EVERY, EVERY + 2), keep)  # what is made once
         before = held_bytes()
-        begun = followed(begun, range(EVERY + 2, LAST), keep)
+        state = followed(state, range(EVERY + 2, LAST), keep)
         after = held_bytes()
     finally:
         tracemalloc.stop()
     return (after - before) / (LAST - EVERY - 2)
 
 
-def test_a_pair_of_a_replay_takes_little_memory(replayed: Kept) -> None:
+def test_a_pair_of_a_replay_takes_little_memory(replayed: StoredRun) -> None:
     """Its maps and columns, 0.5 MB here, lay in files and in memory as well, where the solution held them."""
     assert grown_bytes(replayed) < 40_000
 
 
-def test_a_pair_of_a_live_run_takes_next_to_none(live: Kept) -> None:
+def test_a_pair_of_a_live_run_takes_next_to_none(live: StoredRun) -> None:
     """Some 0.6 kB a pair, and what NumPy holds ready once, which within ten pairs looks like 3 kB a pair."""
     assert grown_bytes(live) < 6_000
 
@@ -154,7 +154,7 @@ def test_what_finds_no_room_in_files_stays_in_memory_if_it_may(monkeypatch: pyte
 
 
 def test_control_reads_of_a_drift_what_it_decides_on() -> None:
-    """All of it took 8 kB for every pair of the run, whenever all frames were told anew."""
+    """Storing all of it took 8 kB for every pair of the run, whenever all frames were reported again."""
     count = 20_000
     column: tuple[tuple[float, float], ...] = tuple((float(x), float(y)) for x, y in np.random.default_rng(1).normal(size=(count, 2)))
     message = DriftMessage(

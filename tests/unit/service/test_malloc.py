@@ -11,8 +11,8 @@ from semlive.service.runtime.memory import trim_heap
 MESSAGES = 5000
 
 
-def test_names_in_messages_are_not_kept() -> None:
-    """pydantic keeps short strings that it reads, unless it is told not to: 0.1 kB for every exported file."""
+def test_names_in_messages_are_not_cached() -> None:
+    """pydantic caches short strings that it reads, unless this is switched off: 0.1 kB for every exported file."""
 
     def read(number: int) -> None:
         reported = FileMessage(
@@ -45,7 +45,7 @@ def resident_kb() -> int:
 
 
 def test_what_lies_free_in_between_is_given_back() -> None:
-    if not Path("/proc/self/status").exists():  # only Linux tells
+    if not Path("/proc/self/status").exists():  # only on Linux
         return
     blocks = [bytearray(b"x") * 20_000 for _ in range(4000)]
     stored = blocks[::50]

@@ -1,4 +1,4 @@
-"""Maps beside memory: the same numbers, aligned, read-only, also after their pages were given back."""
+"""Maps in temporary files: the same numbers, aligned, read-only, also after their pages were released."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_maps_come_back_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
                 assert other.dtype == item.dtype
 
 
-def test_what_is_kept_outlives_the_store() -> None:
+def test_a_stored_array_outlives_its_store() -> None:
     store = MapStore(in_memory_bytes=0)
     given = random_map(2)
     stored = store.store_map(given)
@@ -50,7 +50,7 @@ def test_what_is_kept_outlives_the_store() -> None:
 
 def test_pages_given_back_do_not_count_as_memory(tmp_path: Path) -> None:
     status = Path("/proc/self/smaps_rollup")
-    if not status.exists():  # only Linux tells
+    if not status.exists():  # only on Linux
         return
 
     def mapped_kb() -> int:

@@ -19,7 +19,7 @@ from semlive.service.storage.pair_archive import PairArchive
 
 
 class Side(Enum):
-    LEFT = "left"
+    LEADING = "leading"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,14 +36,14 @@ ARRAYS = some.one_of(
     *(arrays(dtype, array_shapes(min_dims=1, max_dims=3, min_side=0, max_side=5)) for dtype in (np.float64, np.int64, np.uint8, np.bool_))
 )
 LEAVES = some.one_of(
-    some.none(), some.booleans(), some.integers(-(2**80), 2**80), some.floats(allow_nan=False), some.text(), some.just(Side.LEFT)
+    some.none(), some.booleans(), some.integers(-(2**80), 2**80), some.floats(allow_nan=False), some.text(), some.just(Side.LEADING)
 )
 VALUES = some.builds(
     Held,
     some.integers(-(2**63), 2**63 - 1),
     some.floats(allow_nan=False),
     some.text(),
-    some.sampled_from([None, Side.LEFT]),
+    some.sampled_from([None, Side.LEADING]),
     some.lists(some.one_of(LEAVES, some.tuples(LEAVES, LEAVES))).map(tuple),
     ARRAYS,
 )
@@ -52,8 +52,8 @@ VALUES = some.builds(
 def same(one: Held, other: Held) -> bool:
     reported = [(each.number, each.size_px, each.name, each.side, each.parts) for each in (one, other)]
     kinds = [[type(part) for part in each.parts] for each in (one, other)]
-    arrays_alike = one.array.dtype == other.array.dtype and one.array.shape == other.array.shape
-    return reported[0] == reported[1] and kinds[0] == kinds[1] and arrays_alike and one.array.tobytes() == other.array.tobytes()
+    same_layout = one.array.dtype == other.array.dtype and one.array.shape == other.array.shape
+    return reported[0] == reported[1] and kinds[0] == kinds[1] and same_layout and one.array.tobytes() == other.array.tobytes()
 
 
 @given(some.lists(VALUES, max_size=6))
@@ -68,7 +68,7 @@ def test_values_come_back_as_they_were(values: list[Held]) -> None:
 
 
 def held(number: int, size: int = 3) -> Held:
-    return Held(number, 0.5 * number, f"frame {number}", Side.LEFT, (), np.arange(size, dtype=np.float64) + number)
+    return Held(number, 0.5 * number, f"frame {number}", Side.LEADING, (), np.arange(size, dtype=np.float64) + number)
 
 
 def test_a_shelf_that_grows_is_another_one() -> None:
@@ -92,7 +92,7 @@ def test_what_has_the_same_number_takes_its_place() -> None:
         second[3]
 
 
-def test_an_array_that_is_kept_already_is_not_kept_twice() -> None:
+def test_a_stored_array_is_not_stored_twice() -> None:
     archive = PairArchive()
     stored = archive.store_array(np.arange(1000.0))
     shelf = archive.append((), [Held(0, 0.0, "", None, (), stored)])
@@ -100,7 +100,7 @@ def test_an_array_that_is_kept_already_is_not_kept_twice() -> None:
     assert shelf[0].array.ctypes.data % 64 == 0
 
 
-def test_order_in_memory_is_kept_because_sums_follow_it() -> None:
+def test_memory_order_is_preserved_because_sums_depend_on_it() -> None:
     archive = PairArchive()
     given_ = np.asfortranarray(np.arange(12.0).reshape(3, 4))
     (one,) = archive.append((), [Held(0, 0.0, "", None, (), given_)])

@@ -1,4 +1,4 @@
-"""Implausible values are asked about by plan and doctor, and refused by run until the file confirms them."""
+"""Implausible values: plan and doctor ask for confirmation, and run refuses them until the file confirms them."""
 
 from __future__ import annotations
 
@@ -79,12 +79,12 @@ def test_an_implausible_value_is_refused_until_it_is_confirmed(given: dict[str, 
     refuse_unusual(confirmed, "run.yaml")
 
 
-def test_every_key_that_can_be_confirmed_is_asked_about() -> None:
+def test_every_confirmable_key_is_questioned() -> None:
     requests = {item.key for given, _, _ in CASES for item in questions(parse_config(given, "run.yaml"))}
     assert requests | {"limits.extension_min_mm"} == set(CONFIRMABLE)
 
 
-def test_what_is_usual_is_not_asked_about() -> None:
+def test_usual_values_are_not_questioned() -> None:
     assert questions(parse_config(GIVEN, "run.yaml")) == ()
     small = {**changed("protocol", loads_n=[20]), "specimen": {"area_mm2": 0.01}}
     assert questions(parse_config(small, "run.yaml")) == ()

@@ -1,4 +1,4 @@
-"""Old runs are deleted only when told to, and none that anybody could still need."""
+"""Old runs are deleted only on request, and none that could still be needed."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def damaged(folder: Path) -> None:
         (lambda folder: aged(folder, -400), "newer than this computer's clock"),
     ],
 )
-def test_what_somebody_could_need_is_kept_whatever_the_limit(tmp_path: Path, spoil: Callable[[Path], None], why: str) -> None:
+def test_a_run_that_could_be_needed_is_retained_whatever_the_limit(tmp_path: Path, spoil: Callable[[Path], None], why: str) -> None:
     folder = make_run(tmp_path, "one", 400)
     assert beyond(tmp_path, days=30) == ["one"]
     spoil(folder)
@@ -101,7 +101,7 @@ def test_what_somebody_could_need_is_kept_whatever_the_limit(tmp_path: Path, spo
 
 
 @pytest.mark.parametrize(("state", "concluded"), [("aborted", True), ("holding", True), ("complete", False)])
-def test_a_run_that_can_be_taken_up_again_is_kept(tmp_path: Path, state: str, concluded: bool) -> None:
+def test_a_resumable_run_is_retained(tmp_path: Path, state: str, concluded: bool) -> None:
     make_run(tmp_path, "one", 400, state, concluded)
     (run,) = select_runs(tmp_path, Retention(days=30), NOW_S)
     assert "can be resumed" in (run.retained_because or "")
@@ -120,7 +120,7 @@ def test_a_run_at_work_or_written_to_since_is_not_deleted(tmp_path: Path) -> Non
     assert len(segments(folder)) == 2
 
 
-def test_the_command_names_first_and_deletes_when_told(tmp_path: Path) -> None:
+def test_the_command_lists_runs_first_and_deletes_on_request(tmp_path: Path) -> None:
     old, aborted = make_run(tmp_path, "old", 40), make_run(tmp_path, "aborted", 40, "aborted")
     half = tmp_path / ".gone.deleting"
     half.mkdir()

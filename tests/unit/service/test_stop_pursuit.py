@@ -9,7 +9,7 @@ S = 1_000_000_000
 STILL = Motionless(force_n=0.5, extension_mm=0.0, rate_n_s=30.0, ramp_sign=1.0)
 
 
-def seen(pursuit: StopPursuit, forces_n: list[float], *, moving: bool = False, mm: float = 0.0, from_s: float = 0.0) -> StopPursuit:
+def observed(pursuit: StopPursuit, forces_n: list[float], *, moving: bool = False, mm: float = 0.0, from_s: float = 0.0) -> StopPursuit:
     for number, force_n in enumerate(forces_n):
         now = round((from_s + 0.05 * (number + 1)) * S)
         motion = MotionState.MOVING if moving else MotionState.STOPPED
@@ -20,7 +20,7 @@ def seen(pursuit: StopPursuit, forces_n: list[float], *, moving: bool = False, m
 def test_a_device_that_rests_is_not_stopped_again() -> None:
     pursuit = begin_pursuit(0)
     assert pursuit.due(0, STILL)
-    pursuit = seen(pursuit.sent_again(0), [100.0, 100.1, 99.9, 100.0, 100.1])
+    pursuit = observed(pursuit.sent_again(0), [100.0, 100.1, 99.9, 100.0, 100.1])
     assert pursuit.rests(STILL)
     assert not pursuit.due(round(0.25 * S), STILL)
 
@@ -34,20 +34,20 @@ def test_a_link_that_gives_a_reading_in_a_second_shows_rest_with_the_third() -> 
 
 
 def test_a_held_load_that_relaxes_rests() -> None:
-    assert seen(begin_pursuit(0).sent_again(0), [100.0 - 0.4 * n for n in range(10)]).rests(STILL)
+    assert observed(begin_pursuit(0).sent_again(0), [100.0 - 0.4 * n for n in range(10)]).rests(STILL)
 
 
 def test_a_device_that_reports_motion_or_shows_it_is_stopped_again_and_again() -> None:
     for pursuit in (
-        seen(begin_pursuit(0).sent_again(0), [100.0] * 10, moving=True),
-        seen(begin_pursuit(0).sent_again(0), [100.0 + 1.5 * n for n in range(10)]),
-        seen(begin_pursuit(0).sent_again(0), [100.0] * 10, mm=1e-4),
+        observed(begin_pursuit(0).sent_again(0), [100.0] * 10, moving=True),
+        observed(begin_pursuit(0).sent_again(0), [100.0 + 1.5 * n for n in range(10)]),
+        observed(begin_pursuit(0).sent_again(0), [100.0] * 10, mm=1e-4),
     ):
         assert not pursuit.rests(STILL)
         assert pursuit.due(round(0.5 * S), STILL)
     times, pursuit = [], begin_pursuit(0)
     for now in range(0, 10 * S, S // 20):
-        pursuit = seen(pursuit, [100.0], moving=True, from_s=now / S - 0.05)
+        pursuit = observed(pursuit, [100.0], moving=True, from_s=now / S - 0.05)
         if pursuit.due(now, STILL):
             pursuit, times = pursuit.sent_again(now), [*times, now / S]
     assert times[:5] == [0.0, 0.1, 0.3, 0.7, 1.5]

@@ -1,4 +1,4 @@
-"""The daemon's words for a service manager, and the unit that asks for them."""
+"""The messages of the daemon to a service manager, and the unit that enables them."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_abstract_names_are_understood() -> None:
         assert one.recv(100) == b"STOPPING=1"
 
 
-def said(manager: socket.socket) -> list[bytes]:
+def messages(manager: socket.socket) -> list[bytes]:
     """What has come since."""
     received = []
     while True:
@@ -71,7 +71,7 @@ def said(manager: socket.socket) -> list[bytes]:
             return received
 
 
-def test_the_watchdog_hears_a_living_loop_and_no_blocked_one(manager: socket.socket) -> None:
+def test_the_watchdog_is_fed_by_a_running_loop_and_not_by_a_blocked_one(manager: socket.socket) -> None:
     beats, blocked = list[bytes](), list[bytes]()
 
     async def live(one: SystemdNotifier) -> float:
@@ -79,10 +79,10 @@ def test_the_watchdog_hears_a_living_loop_and_no_blocked_one(manager: socket.soc
         beating = asyncio.create_task(one.watchdog())
         while len(beats) < 4:
             await asyncio.sleep(0.005)
-            beats.extend(said(manager))
+            beats.extend(messages(manager))
         took_s = time.monotonic() - began_s
         time.sleep(0.2)
-        blocked.extend(said(manager))
+        blocked.extend(messages(manager))
         beating.cancel()
         return took_s
 
@@ -99,11 +99,11 @@ def test_a_watchdog_of_another_process_is_not_ours(manager: socket.socket) -> No
     assert SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname(), "WATCHDOG_USEC": "9", "WATCHDOG_PID": "7"}, pid=8).watchdog_s is None
 
 
-def test_a_manager_that_is_gone_or_deaf_stops_nobody(tmp_path: Path, manager: socket.socket) -> None:
+def test_a_missing_or_unresponsive_manager_stops_nothing(tmp_path: Path, manager: socket.socket) -> None:
     SystemdNotifier({"NOTIFY_SOCKET": str(tmp_path / "nobody")}).stopping()
-    deaf = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname()})
+    unread = SystemdNotifier({"NOTIFY_SOCKET": manager.getsockname()})
     for _ in range(2000):
-        deaf.status("x" * 1000)
+        unread.status("x" * 1000)
 
 
 def test_the_daemon_reports_its_manager(tmp_path: Path, manager: socket.socket) -> None:

@@ -24,7 +24,7 @@ def test_the_commit_is_that_of_the_folder_and_reports_whether_files_were_changed
     assert commit_of("no-such-package", tmp_path) == f"{head}-dirty"
 
 
-def test_where_there_is_no_repository_nobody_knows_the_commit(tmp_path: Path) -> None:
+def test_without_a_repository_the_commit_is_unknown(tmp_path: Path) -> None:
     assert commit_of("no-such-package", tmp_path) == ""
 
 

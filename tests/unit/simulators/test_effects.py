@@ -1,4 +1,4 @@
-"""The library of effects: names, defaults, scenarios, and what the instruments say."""
+"""The library of effects: names, defaults, scenarios, and the readings of the instruments."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def test_there_are_defaults_and_they_survive_yaml(name: str, magnification: str)
 
 @pytest.mark.parametrize("magnification", ["x200", "x10000"])
 @pytest.mark.parametrize("name", PEAKS_PX)
-def test_defaults_are_as_large_as_experience_says(name: str, magnification: str) -> None:
+def test_defaults_are_as_large_as_in_practice(name: str, magnification: str) -> None:
     low, high = PEAKS_PX[name][magnification == "x10000"]
     assert low <= peak_px(calm(magnification, {name: magnification})) <= high
 
@@ -189,7 +189,7 @@ effects:
         ("effects: {frame_integration: {scans: 0}}", "at least 1"),
     ],
 )
-def test_a_wrong_effect_is_refused_in_one_sentence(tmp_path: Path, text: str, says: str) -> None:
+def test_a_wrong_effect_is_refused_with_one_error_line(tmp_path: Path, text: str, says: str) -> None:
     with pytest.raises(BadScenario, match=says) as caught:
         load_scenario(scenario_file(tmp_path, text + "\n"))
     assert "\n" not in str(caught.value)

@@ -125,7 +125,7 @@ def test_sharper_dots_do_not_move() -> None:
     )
 
 
-def test_instruments_say_what_the_formulas_say() -> None:
+def test_instrument_readings_follow_their_formulas() -> None:
     motion = at_rest(load_n=1000.0, history=History((LoadStep(5.0, 1200.0), LoadStep(50.0, -200.0))))
     cases: dict[str, tuple[dict[str, float], float]] = {
         "load_cell_zero": ({"zero_n": 20.0}, 1020.0),
@@ -146,7 +146,7 @@ def test_instruments_say_what_the_formulas_say() -> None:
 
 
 @pytest.mark.parametrize("name", ["load_cell_zero", "load_cell_gain", "friction_hysteresis"])
-def test_the_load_frame_believes_its_cell(name: str) -> None:
+def test_the_load_frame_controls_by_its_cell(name: str) -> None:
     scenario = dataclasses.replace(load_scenario("paper_x200"), effects=build_effects({name: "x200"}))
     silent = dataclasses.replace(scenario.load_frame, cell_noise_n=0.0, relaxation_fraction=0.0)
     machine = LoadTrain(dataclasses.replace(scenario, load_frame=silent), 0)
@@ -158,7 +158,7 @@ def test_the_load_frame_believes_its_cell(name: str) -> None:
     assert true_n == pytest.approx({"load_cell_zero": 980.0, "load_cell_gain": 1000 / 1.02, "friction_hysteresis": 985.0}[name], abs=1.1)
 
 
-def test_the_machine_remembers_what_was_done() -> None:
+def test_the_machine_stores_its_history() -> None:
     scenario = load_scenario("paper_x200")
     machine = LoadTrain(scenario, 0)
     machine.move_stage(10.0, -5.0)

@@ -87,7 +87,7 @@ def test_zeiss_keys_and_their_traps() -> None:
     assert "AP_LINE_TIME" in bytes(twin).decode("utf-16-le")
 
 
-def test_zeiss_pixel_size_is_told_for_an_image_of_1024_px() -> None:
+def test_zeiss_pixel_size_is_written_for_an_image_of_1024_px() -> None:
     wide = replace(SCAN, width_px=512, height_px=442, frame_time_s=47.0)
     data = Export(WriteStyle.DIRECT, 0.5, 1.5, 6, BAR, "a", Vendor.ZEISS).encode(IMAGE[:442, :512], replace(FACTS, scan=wide)).image
     with tifffile.TiffFile(io.BytesIO(data)) as tif:
@@ -150,7 +150,7 @@ def test_hitachi_sidecar_has_the_day_first_and_counts_the_bar() -> None:
     assert (reported["Date"], reported["Time"]) == (f"{END:%d/%m/%Y}", f"{END:%H:%M:%S}")
 
 
-def test_integration_is_told_as_each_vendor_reports_it() -> None:
+def test_integration_is_written_as_each_vendor_does() -> None:
     export = Export(WriteStyle.DIRECT, 0.5, 1.5, 6, 0, "a", Vendor.FEI)
     lines = replace(FACTS, scan=replace(SCAN, integrations=4, integration="line"))
     frames = replace(FACTS, scan=replace(SCAN, integrations=16, integration="frame"))

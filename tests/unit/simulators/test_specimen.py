@@ -14,7 +14,7 @@ from semlive_simulators.specimen.specimen import Motion
 
 
 @pytest.mark.parametrize("name", ["paper_x200", "short"])
-def test_scenarios_say_what_the_paper_says(name: str) -> None:
+def test_scenarios_have_the_values_of_the_paper(name: str) -> None:
     scenario = load_scenario(name)
     scan = scenario.scan
     assert (scan.width_px, scan.height_px) == (1024, 884)
@@ -68,7 +68,7 @@ def test_strain_follows_from_the_force() -> None:
     assert specimen.stiffness_n_mm == pytest.approx(14220.0)
 
 
-def test_the_picture_can_be_correlated() -> None:
+def test_the_image_can_be_correlated() -> None:
     scenario = load_scenario("paper_x200")
     image = render_frame(scenario).astype(float)
     assert 35 < image.std() < 45
@@ -108,7 +108,7 @@ def test_dots_must_not_reach_beyond_their_neighbours() -> None:
         ("extends: paper_x200\nexport: {style: telepathy}\n", "'direct', 'rename' or"),
     ],
 )
-def test_a_bad_scenario_is_refused_in_one_sentence(tmp_path: Path, text: str, says: str) -> None:
+def test_a_bad_scenario_is_refused_with_one_error_line(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     with pytest.raises(BadScenario, match=says) as caught:

@@ -75,6 +75,6 @@ def test_a_connection_that_is_lost_gives_its_place_back_once() -> None:
     assert len(room.admission) == 0
 
 
-def test_addresses_of_this_computer_are_known() -> None:
+def test_addresses_of_this_computer_are_recognised() -> None:
     assert [is_loopback(host) for host in ("127.0.0.1", "127.3.2.1", "::1", "::ffff:127.0.0.1")] == [True] * 4
     assert [is_loopback(host) for host in ("192.0.2.7", "::ffff:192.0.2.7", "fe80::1%eth0", "somebody")] == [False] * 4

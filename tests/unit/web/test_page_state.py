@@ -1,4 +1,4 @@
-"""What the page shows is a pure function of the log; what browsers are told piece by piece is the same as all at once."""
+"""The page state is a pure function of the log; incremental updates for browsers add up to the complete state."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def message(payload: Payload, log_time_ns: int) -> LogMessage:
     return LogMessage(topic_of(payload), log_time_ns, log_time_ns, 0, to_json(payload))
 
 
-STORY: tuple[Payload, ...] = (
+MESSAGES: tuple[Payload, ...] = (
     run(),
     state(1, "idle", "connecting", "opening"),
     load(1, 0.0),
@@ -120,12 +120,12 @@ STORY: tuple[Payload, ...] = (
 
 def views() -> list[PageState]:
     reported = [PageState()]
-    for number, payload in enumerate(STORY):
+    for number, payload in enumerate(MESSAGES):
         reported.append(reduce(reported[-1], message(payload, START_NS + number)))
     return reported
 
 
-def test_pieces_add_up_to_the_whole() -> None:
+def test_increments_add_up_to_the_complete_state() -> None:
     shown: dict[str, Any] = json.loads(to_json_line(full_state(PageState())))
     rows: list[Any] = []
     lines: list[Any] = []
@@ -147,7 +147,7 @@ def test_pieces_add_up_to_the_whole() -> None:
         assert shown == all_at_once
 
 
-def test_what_did_not_change_is_not_told() -> None:
+def test_unchanged_parts_are_not_sent() -> None:
     now = views()[-1]
     assert state_diff(now, now) == {}
     assert set(state_diff(now, reduce(now, message(load(9, 5.0), START_NS + 99)))) == {"reading", "load"}
@@ -193,14 +193,14 @@ def test_an_alarm_stays_until_it_is_acknowledged() -> None:
 def test_names_from_outside_are_shown_without_control_characters() -> None:
     name = "a\x1b[2J\n\u202eb.tif"
     view = reduce(views()[-1], message(FileMessage(**FILE, export=2, name=name, decision="arrived", reason=""), 99))
-    view = reduce(view, message(FileMessage(**FILE, export=2, name=name, decision="refused", reason=f"{name} is torn"), 99))
+    view = reduce(view, message(FileMessage(**FILE, export=2, name=name, decision="refused", reason=f"{name} is truncated"), 99))
     view = reduce(view, message(LogLineMessage(time_ns=at(9), level="warning", text=f"seen: {name}"), 99))
     shown = "a\\x1b[2J\\n\\u202eb.tif"
-    assert (view.frames.name, view.frames.refused[0].name, view.frames.refused[0].reason) == (shown, shown, f"{shown} is torn")
+    assert (view.frames.name, view.frames.refused[0].name, view.frames.refused[0].reason) == (shown, shown, f"{shown} is truncated")
     assert view.alarms[-1].text == f"seen: {shown}"
 
 
-def test_the_hold_s_end_is_known_only_while_it_lasts() -> None:
+def test_the_end_of_a_hold_is_shown_only_while_it_lasts() -> None:
     ends = {reported.protocol.state: reported.protocol.hold_end_s for reported in views()}
     assert ends["holding"] == 32.0
     assert {end for where, end in ends.items() if where != "holding"} == {None}
@@ -225,14 +225,14 @@ def test_the_gate_s_verdict_and_the_pair_that_it_adds() -> None:
     assert done.warm_up
 
 
-def test_drift_is_that_of_the_newest_revision_and_its_forecast_goes_on_from_there() -> None:
-    known = views()[-1].drift
-    assert [item.frame for item in known.frames] == [0, 1, 2]
-    assert [item.rows[0][1] for item in known.frames] == [pytest.approx(0.1), pytest.approx(0.2), pytest.approx(0.2)]
-    assert known.rate_px_s == (pytest.approx(0.05), pytest.approx(0.01))
-    last = known.frames[-1].rows[-1]
-    assert known.forecast[0] == last
-    assert known.forecast[-1][:3] == (70.0, pytest.approx(last[1] + 0.03 * 45.0), pytest.approx(last[2] + 0.04 * 45.0))
+def test_drift_is_that_of_the_newest_revision_and_its_forecast_continues_from_there() -> None:
+    drift_panel = views()[-1].drift
+    assert [item.frame for item in drift_panel.frames] == [0, 1, 2]
+    assert [item.rows[0][1] for item in drift_panel.frames] == [pytest.approx(0.1), pytest.approx(0.2), pytest.approx(0.2)]
+    assert drift_panel.rate_px_s == (pytest.approx(0.05), pytest.approx(0.01))
+    last = drift_panel.frames[-1].rows[-1]
+    assert drift_panel.forecast[0] == last
+    assert drift_panel.forecast[-1][:3] == (70.0, pytest.approx(last[1] + 0.03 * 45.0), pytest.approx(last[2] + 0.04 * 45.0))
 
 
 def test_a_week_of_readings_is_no_longer_than_a_page_can_draw() -> None:
