@@ -1,0 +1,91 @@
+"""Discontinuities that a smooth field bridges: the displacement that the residual still shows differs on both sides of a line.
+
+At a crack the residual of the solution corresponds to opposite displacements on both sides. On both halves of a disc, this displacement and
+its covariance follow from the weighted normal equations of one shift; the disc is divided along four directions. With a field that
+describes the pair, the squared difference over its covariance is a chi-square variable of two degrees of freedom.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from semlive.data.grid import Grid
+from semlive.dic.global_method.solver import Solution
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+CELL_PX = 4  # sums are formed in cells first
+RADIUS_CELLS = 7  # of the disc: 28 px, about the length over which the field bends
+DIRECTIONS = 4
+MIN_FULL = 0.6  # fraction of a half of the disc that both frames show
+MIN_STEP_PX = 0.4  # smaller differences cause no wrong point
+CERTAIN, POSSIBLE = 16.0, 8.0  # chi-square of the difference: at most 12 in 8 rendered rasters without a step, 21 to 60 at cracks
+# Possible cells belong to a discontinuity if they are connected to a certain one.
+
+
+def discontinuous(solution: Solution, grid: Grid) -> NDArray[np.bool_]:
+    """(ny, nx) whether the subset of a point reaches a discontinuity that the field bridges.
+
+    Args:
+        solution: of the global method.
+        grid: points.
+    """
+    gx, gy = solution.gradient
+    w, r = solution.weight, solution.residual
+    sums = [_cells(values) for values in (w * gx * gx, w * gx * gy, w * gy * gy, -w * gx * r, -w * gy * r)]
+    shown = _cells(solution.used) / CELL_PX**2
+    chi_square = np.zeros(shown.shape)
+    for first, second in _halves():
+        full = np.minimum(*(_filtered(shown, half) / half.sum() for half in (first, second)))
+        chi_square = np.maximum(chi_square, np.where(full >= MIN_FULL, _difference(sums, first, second), 0.0))
+    marked, _ = ndimage.label(chi_square > POSSIBLE, np.ones((3, 3), dtype=int))
+    certain = np.unique(marked[chi_square > CERTAIN])
+    reach = max(1, round(0.5 * grid.subset_px / CELL_PX))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    found = cv2.dilate(np.isin(marked, certain[certain > 0]).astype(np.uint8), disc)
+    rows, columns = (
+        np.clip(np.rint((axis - 0.5 * (CELL_PX - 1)) / CELL_PX).astype(np.intp), 0, n - 1)
+        for axis, n in zip((grid.y_px, grid.x_px), found.shape, strict=True)
+    )
+    return np.asarray(found[np.ix_(rows, columns)] > 0)
+
+
+def _cells(values: Image) -> Array:
+    """Sums over cells of CELL_PX; the remainder at the right and the bottom is left out."""
+    height, width = (n // CELL_PX for n in values.shape)
+    inner = values[: height * CELL_PX, : width * CELL_PX].astype(np.float64)
+    return np.asarray(cv2.resize(inner, (width, height), interpolation=cv2.INTER_AREA) * CELL_PX**2, dtype=np.float64)
+
+
+def _halves() -> Iterator[tuple[Array, Array]]:
+    """Both halves of the disc, divided along each direction."""
+    n = np.arange(-RADIUS_CELLS, RADIUS_CELLS + 1, dtype=np.float64)
+    disc = np.hypot(n, n[:, None]) <= RADIUS_CELLS + 0.3
+    for k in range(DIRECTIONS):
+        angle = np.pi * k / DIRECTIONS
+        across = n * np.cos(angle) + n[:, None] * np.sin(angle)
+        yield (disc & (across > 0.3)).astype(np.float64), (disc & (across < -0.3)).astype(np.float64)
+
+
+def _filtered(values: Array, kernel: Array) -> Array:
+    return np.asarray(cv2.filter2D(values, cv2.CV_64F, kernel, borderType=cv2.BORDER_CONSTANT))
+
+
+def _difference(sums: list[Array], first: Array, second: Array) -> Array:
+    """Chi-square of the difference of the displacements of both halves, zero where it is below MIN_STEP_PX."""
+    step, covariance = np.zeros((2, *sums[0].shape)), np.zeros((3, *sums[0].shape))
+    for half, sign in ((first, 1.0), (second, -1.0)):
+        xx, xy, yy, right_x, right_y = (_filtered(values, half) for values in sums)
+        determinant = np.maximum(xx * yy - xy * xy, 1e-9 * np.maximum(xx * yy, 1e-30))
+        step += sign * np.stack([yy * right_x - xy * right_y, xx * right_y - xy * right_x]) / determinant
+        covariance += np.stack([yy, -xy, xx]) / determinant
+    xx, xy, yy = covariance
+    determinant = np.maximum(xx * yy - xy * xy, 1e-9 * np.maximum(xx * yy, 1e-30))
+    chi_square = (yy * step[0] ** 2 - 2.0 * xy * step[0] * step[1] + xx * step[1] ** 2) / determinant
+    return np.where(np.hypot(step[0], step[1]) >= MIN_STEP_PX, chi_square, 0.0)
