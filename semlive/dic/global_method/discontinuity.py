@@ -1,8 +1,10 @@
-"""Discontinuities that a smooth field bridges: the displacement that the residual still shows differs on both sides of a line.
+"""Discontinuities that a smooth field bridges: steps in the residual, and steps in the field itself.
 
-At a crack the residual of the solution corresponds to opposite displacements on both sides. On both halves of a disc, this displacement and
-its covariance follow from the weighted normal equations of one shift; the disc is divided along four directions. With a field that
-describes the pair, the squared difference over its covariance is a chi-square variable of two degrees of freedom.
+- A stiff field leaves a residual at a crack that corresponds to opposite displacements on both sides. On both halves of a disc, this
+  displacement and its covariance follow from the weighted normal equations of one shift; the disc is divided along four directions. With a
+  field that describes the pair, the squared difference over its covariance is a chi-square variable of two degrees of freedom.
+- A flexible field turns the jump into a steep slope over about a subset. The difference of the displacement across the subset then exceeds
+  what the slopes on both sides explain.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ MIN_FULL = 0.6  # fraction of a half of the disc that both frames show
 MIN_STEP_PX = 0.4  # smaller differences cause no wrong point
 CERTAIN, POSSIBLE = 16.0, 8.0  # chi-square of the difference: at most 12 in 8 rendered rasters without a step, 21 to 60 at cracks
 # Possible cells belong to a discontinuity if they are connected to a certain one.
+MAX_STEP_PX = 1.0  # of the field across a subset beyond the slopes around it; half of it is the error at the line. 0.24 px without a step
+ONE_SIDED = 1.5  # a jump J in the middle of a subset has the slope 1.5 J / edge
 
 
 def discontinuous(solution: Solution, grid: Grid) -> NDArray[np.bool_]:
@@ -53,7 +57,30 @@ def discontinuous(solution: Solution, grid: Grid) -> NDArray[np.bool_]:
         np.clip(np.rint((axis - 0.5 * (CELL_PX - 1)) / CELL_PX).astype(np.intp), 0, n - 1)
         for axis, n in zip((grid.y_px, grid.x_px), found.shape, strict=True)
     )
-    return np.asarray(found[np.ix_(rows, columns)] > 0)
+    return np.asarray(found[np.ix_(rows, columns)] > 0) | (_field_step(solution, grid) > MAX_STEP_PX)
+
+
+def _field_step(solution: Solution, grid: Grid) -> Array:
+    """(ny, nx) step of the field across the subset beyond the slopes one subset away on both sides, px; zero near the border."""
+    field, edge, half = np.stack(solution.field.displacement()), grid.subset_px, grid.subset_px // 2
+    out = np.zeros(field.shape[1:])
+    for axis in (1, 2):
+        count = field.shape[axis]
+        if count <= 2 * edge:
+            continue
+        slope = np.gradient(field, axis=axis)
+
+        def at(values: Array, offset: int, axis: int = axis, count: int = count) -> Array:
+            return np.take(values, range(edge + offset, count - edge + offset), axis)
+
+        before, here, after = (at(slope, offset) for offset in (-edge, 0, edge))
+        step = np.hypot(*(at(field, half) - at(field, -half) - (before + after) * half))
+        for side in (before, after):
+            step = np.minimum(step, np.hypot(*(here - side)) * (edge / ONE_SIDED))
+        inner = np.s_[edge : count - edge, :] if axis == 1 else np.s_[:, edge : count - edge]
+        out[inner] = np.maximum(out[inner], step)
+    rows, columns = (axis.astype(np.intp) for axis in (grid.y_px, grid.x_px))
+    return out[np.ix_(rows, columns)]
 
 
 def _cells(values: Image) -> Array:
