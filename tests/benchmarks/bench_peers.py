@@ -54,7 +54,7 @@ FASTEST_PYVALE = "pyvale, single window"
 CPU_BESIDE_PYVALE = {"OpenCorr (ratio to pyvale)": 2.95 / 5.42, "ncorr (ratio to pyvale)": 7.2 / 5.42}
 WALL_BESIDE_PYVALE = {"OpenCorr (ratio to pyvale)": 1.50 / 2.73, "ncorr (ratio to pyvale)": 4.1 / 2.73}
 RUNS = 5
-TURNS = 40  # of two versions of semlive
+TURNS = 25  # of two versions of semlive
 
 
 @dataclass(frozen=True)

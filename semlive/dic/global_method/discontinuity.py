@@ -30,6 +30,7 @@ MIN_STEP_PX = 0.4  # smaller differences cause no wrong point
 CERTAIN, POSSIBLE = 16.0, 8.0  # chi-square of the difference: at most 12 in 8 rendered rasters without a step, 21 to 60 at cracks
 # Possible cells belong to a discontinuity if they are connected to a certain one.
 MAX_STEP_PX = 1.0  # of the field across a subset beyond the slopes around it; half of it is the error at the line. 0.24 px without a step
+STEP_FRACTION = 0.5  # of the largest step within a subset: the slope beside a large step is no step of its own
 ONE_SIDED = 1.5  # a jump J in the middle of a subset has the slope 1.5 J / edge
 
 
@@ -57,7 +58,9 @@ def discontinuous(solution: Solution, grid: Grid) -> NDArray[np.bool_]:
         np.clip(np.rint((axis - 0.5 * (CELL_PX - 1)) / CELL_PX).astype(np.intp), 0, n - 1)
         for axis, n in zip((grid.y_px, grid.x_px), found.shape, strict=True)
     )
-    return np.asarray(found[np.ix_(rows, columns)] > 0) | (_field_step(solution, grid) > MAX_STEP_PX)
+    step = _field_step(solution, grid)
+    around = ndimage.maximum_filter(step, 2 * round(grid.subset_px / grid.step_px) + 1)
+    return np.asarray(found[np.ix_(rows, columns)] > 0) | (step > np.maximum(MAX_STEP_PX, STEP_FRACTION * around))
 
 
 def _field_step(solution: Solution, grid: Grid) -> Array:
