@@ -29,17 +29,19 @@ MIN_FULL = 0.6  # fraction of a half of the disc that both frames show
 MIN_STEP_PX = 0.4  # smaller differences cause no wrong point
 CERTAIN, POSSIBLE = 16.0, 8.0  # chi-square of the difference: at most 12 in 8 rendered rasters without a step, 21 to 60 at cracks
 # Possible cells belong to a discontinuity if they are connected to a certain one.
-MAX_STEP_PX = 1.0  # of the field across a subset beyond the slopes around it; half of it is the error at the line. 0.24 px without a step
+MAX_STEP_PX = 1.0  # of the field across a subset beyond the slopes around it; half of it is the error at the line
+STEP_SIGMAS = 8.0  # a step contains the noise of values half a subset and one subset away
 STEP_FRACTION = 0.5  # of the largest step within a subset: the slope beside a large step is no step of its own
 ONE_SIDED = 1.5  # a jump J in the middle of a subset has the slope 1.5 J / edge
 
 
-def discontinuous(solution: Solution, grid: Grid) -> NDArray[np.bool_]:
+def discontinuous(solution: Solution, grid: Grid, sigma: Array) -> NDArray[np.bool_]:
     """(ny, nx) whether the subset of a point reaches a discontinuity that the field bridges.
 
     Args:
         solution: of the global method.
         grid: points.
+        sigma: (ny, nx) standard uncertainty of their displacement, px.
     """
     gx, gy = solution.gradient
     w, r = solution.weight, solution.residual
@@ -60,14 +62,19 @@ def discontinuous(solution: Solution, grid: Grid) -> NDArray[np.bool_]:
     )
     step = _field_step(solution, grid)
     around = ndimage.maximum_filter(step, 2 * round(grid.subset_px / grid.step_px) + 1)
-    return np.asarray(found[np.ix_(rows, columns)] > 0) | (step > np.maximum(MAX_STEP_PX, STEP_FRACTION * around))
+    return np.asarray(found[np.ix_(rows, columns)] > 0) | (
+        step > np.maximum.reduce([STEP_FRACTION * around, STEP_SIGMAS * sigma, np.full(grid.shape, MAX_STEP_PX)])
+    )
 
 
 def _field_step(solution: Solution, grid: Grid) -> Array:
-    """(ny, nx) step of the field across the subset beyond the slopes one subset away on both sides, px; zero near the border."""
-    field, edge, half = np.stack(solution.field.displacement()), grid.subset_px, grid.subset_px // 2
-    out = np.zeros(field.shape[1:])
-    for axis in (1, 2):
+    """(ny, nx) step of the field across the subset beyond the slopes one subset away on both sides, px; zero near the border.
+
+    Along y the displacement that is common to a row is left out: rows of a raster jump without a crack.
+    """
+    whole, edge, half = np.stack(solution.field.displacement()), grid.subset_px, grid.subset_px // 2
+    out = np.zeros(whole.shape[1:])
+    for axis, field in ((1, whole - np.median(whole, axis=2, keepdims=True)), (2, whole)):
         count = field.shape[axis]
         if count <= 2 * edge:
             continue

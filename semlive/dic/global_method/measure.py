@@ -141,7 +141,7 @@ def _status(
     both = np.min(bands, axis=0) >= MIN_SUPPORT
     returned = closure <= ROUND_TRIP_PX + ROUND_TRIP_SIGMAS * np.hypot(sigma_u, sigma_v)
     agree = both | (returned & (np.max(bands, axis=0) >= MIN_SUPPORT))
-    agree &= ~discontinuous(forward, grid)
+    agree &= ~discontinuous(forward, grid, np.maximum(sigma_u, sigma_v))
     pixels = subset_sum(forward.used, grid)
     status = np.full(grid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
     status[~agree] = PoiStatus.INCONSISTENT
