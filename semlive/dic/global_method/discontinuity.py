@@ -1,6 +1,6 @@
 """Discontinuities that a smooth field bridges: steps in the residual, and steps in the field itself.
 
-- A stiff field leaves a residual at a crack that corresponds to opposite displacements on both sides. On both halves of a disc, this
+- With a stiff field, the residual at a crack corresponds to opposite displacements on both sides. On both halves of a disc, this
   displacement and its covariance follow from the weighted normal equations of one shift; the disc is divided along four directions. With a
   field that describes the pair, the squared difference over its covariance is a chi-square variable of two degrees of freedom.
 - A flexible field turns the jump into a steep slope over about a subset. The difference of the displacement across the subset then exceeds
@@ -31,7 +31,7 @@ CERTAIN, POSSIBLE = 16.0, 8.0  # chi-square of the difference: at most 12 in 8 r
 # Possible cells belong to a discontinuity if they are connected to a certain one.
 MAX_STEP_PX = 1.0  # of the field across a subset beyond the slopes around it; half of it is the error at the line
 STEP_SIGMAS = 8.0  # a step contains the noise of values half a subset and one subset away
-STEP_FRACTION = 0.5  # of the largest step within a subset: the slope beside a large step is no step of its own
+STEP_FRACTION = 0.5  # of the largest step within a subset: the slope next to a large step is no step of its own
 ONE_SIDED = 1.5  # a jump J in the middle of a subset has the slope 1.5 J / edge
 
 
