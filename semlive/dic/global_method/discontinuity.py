@@ -51,7 +51,8 @@ def discontinuous(solution: Solution, grid: Grid, sigma: Array) -> NDArray[np.bo
     for first, second in _halves():
         full = np.minimum(*(_filtered(shown, half) / half.sum() for half in (first, second)))
         chi_square = np.maximum(chi_square, np.where(full >= MIN_FULL, _difference(sums, first, second), 0.0))
-    marked, _ = ndimage.label(chi_square > POSSIBLE, np.ones((3, 3), dtype=int))
+    marked = np.zeros(shown.shape, dtype=np.int32)
+    ndimage.label(chi_square > POSSIBLE, np.ones((3, 3), dtype=int), output=marked)
     certain = np.unique(marked[chi_square > CERTAIN])
     reach = max(1, round(0.5 * grid.subset_px / CELL_PX))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
@@ -125,4 +126,4 @@ def _difference(sums: list[Array], first: Array, second: Array) -> Array:
     xx, xy, yy = covariance
     determinant = np.maximum(xx * yy - xy * xy, 1e-9 * np.maximum(xx * yy, 1e-30))
     chi_square = (yy * step[0] ** 2 - 2.0 * xy * step[0] * step[1] + xx * step[1] ** 2) / determinant
-    return np.where(np.hypot(step[0], step[1]) >= MIN_STEP_PX, chi_square, 0.0)
+    return np.asarray(np.where(np.hypot(step[0], step[1]) >= MIN_STEP_PX, chi_square, 0.0), dtype=np.float64)
