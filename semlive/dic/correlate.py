@@ -73,9 +73,8 @@ def correlate(
         )
     current = images.to_float32_grey(image)
 
-    def by_global_method() -> DisparityMap:
-        return measure_globally(reference, current, settings, reference_frame=reference_frame, current_frame=current_frame)
-
+    frames = {"reference_frame": reference_frame, "current_frame": current_frame}
+    by_global_method = partial(measure_globally, reference, current, settings, **frames)
     if settings.method == "global":
         return by_global_method()
 
@@ -88,7 +87,7 @@ def correlate(
     )
     solutions = solve(reference, interpolator, matches, settings, guess, lambda: residual_affine_field(matches, reference.grid))
     measurements = point_measurements(reference, solutions, settings)
-    to_map = partial(to_disparity_map, measurements, reference.grid, settings, reference_frame=reference_frame, current_frame=current_frame)
+    to_map = partial(to_disparity_map, measurements, reference.grid, settings, **frames)
     disparity = to_map()
 
     def with_scatter() -> DisparityMap:
