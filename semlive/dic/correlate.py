@@ -89,19 +89,15 @@ def correlate(
     measurements = point_measurements(reference, solutions, settings)
     to_map = partial(to_disparity_map, measurements, reference.grid, settings, **frames)
     disparity = to_map()
-
-    def with_scatter() -> DisparityMap:
-        second = second_estimates(reference, current, solutions, settings)
-        return widened(disparity, second, white_noise_pair(reference, measurements, settings), settings)
-
+    second = partial(second_estimates, reference, current, solutions, settings)
     return choose_map(
         disparity,
         measurements,
         reference.noise_grey,
         settings,
-        lambda: to_map(second=second_estimates(reference, current, solutions, settings)),
+        lambda: to_map(second=second()),
         by_global_method,
-        with_scatter,
+        lambda: widened(disparity, second(), white_noise_pair(reference, measurements, settings), settings),
     )
 
 
