@@ -112,7 +112,7 @@ def _halves() -> Iterator[tuple[Array, Array]]:
 
 
 def _filtered(values: Array, kernel: Array) -> Array:
-    return np.asarray(cv2.filter2D(values, cv2.CV_64F, kernel, borderType=cv2.BORDER_CONSTANT))
+    return np.asarray(cv2.filter2D(values, cv2.CV_64F, kernel, borderType=cv2.BORDER_CONSTANT), dtype=np.float64)
 
 
 def _difference(sums: list[Array], first: Array, second: Array) -> Array:
