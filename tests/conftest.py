@@ -18,7 +18,7 @@ from semlive.cli.shared import progress_bar
 from semlive.service.runtime.blas import limit_blas_threads
 from semlive_drivers.endpoint_lock import _LOCKS
 
-# How long an example takes by the wall says how busy the computer is; where it matters a test counts its own processor time.
+# How long an example takes of wall time shows how busy the computer is; where it matters a test counts its own processor time.
 settings.register_profile("semlive", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("semlive")
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.settings import DicSettings
 from semlive.dic import global_method
+from semlive.dic.neighbour_scatter import scatters
 from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import Reference
 from semlive.dic.second_estimate import is_doubtful
@@ -33,8 +34,11 @@ def choose_map(
     settings: DicSettings,
     confirmed: Callable[[], DisparityMap],
     by_global_method: Callable[[], DisparityMap],
+    widened: Callable[[], DisparityMap],
 ) -> DisparityMap:
     """The map of subsets, with second estimates where points are doubtful, or that of the global method if subsets measure too few points.
+
+    A map of subsets without doubtful points gets larger uncertainties if it scatters more than image noise explains.
 
     Args:
         disparity: map of subsets.
@@ -43,6 +47,7 @@ def choose_map(
         settings: method.
         confirmed: returns the map of subsets with second estimates.
         by_global_method: returns the map of the global method.
+        widened: returns the map of subsets with the uncertainty that its scatter shows.
     """
     auto, doubtful = settings.method == "auto", is_doubtful(measured, disparity.status, noise_grey)
     few = auto and too_few_measured(disparity)
@@ -52,7 +57,9 @@ def choose_map(
         other = by_global_method()
         if np.count_nonzero(other.valid) > np.count_nonzero(disparity.valid):
             return other
-    return confirmed() if doubtful and few else disparity
+    if doubtful:
+        return confirmed() if few else disparity
+    return widened() if scatters(disparity, settings) else disparity
 
 
 def too_few_measured(disparity: DisparityMap, min_fraction: float = MIN_MEASURED_FRACTION) -> bool:

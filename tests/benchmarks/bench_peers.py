@@ -1,5 +1,8 @@
 """Public DIC engines and ours on the same images in one run: ``python tests/benchmarks/bench_peers.py [--noise 0 2 5] [--step 5]``.
 
+``--before CHECKOUT`` adds a row for another version of semlive, a checkout with compiled kernels in its cache. Both versions correlate
+the pair in turns, in a process each, so that other work on the machine affects both alike. ``--only`` selects rows by parts of names.
+
 pyvale and SUN-DIC are installed from the package index into environments of their own, kept in the user's cache folder (or
 ``--environments``). The job: 1024 x 884 px, 8 bit, 43 px subsets, 150 x 120 = 18,000 points 5 px apart, affine, ZNSSD, shift
 (3.3, -2.7) px plus 1e-3 strain, noise of 0, 2 and 5 grey levels, speckle rendered analytically. Ours and pyvale use two threads;
@@ -16,6 +19,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -50,6 +54,7 @@ FASTEST_PYVALE = "pyvale, single window"
 CPU_RATIO_TO_PYVALE = {"OpenCorr (ratio to pyvale)": 2.95 / 5.42, "ncorr (ratio to pyvale)": 7.2 / 5.42}
 WALL_RATIO_TO_PYVALE = {"OpenCorr (ratio to pyvale)": 1.50 / 2.73, "ncorr (ratio to pyvale)": 4.1 / 2.73}
 RUNS = 5
+TURNS = 25  # of two versions of semlive
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,15 @@ class Result:
     points: int
     bias: tuple[float, float] | None = None
     sd: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Versions:
+    """Processor seconds of one version of semlive, least and median of TURNS, and its valid points."""
+
+    least_s: float
+    median_s: float
+    points: int
 
 
 def interpreter(environments: Path, package: str) -> Path:
@@ -113,6 +127,32 @@ def ours(first: NDArray[np.uint8], second: NDArray[np.uint8], step: int) -> Resu
     return Result(wall_s * scale, cpu_s * scale, points.shape[1], bias, sd)
 
 
+def in_turns(checkouts: dict[str, Path], folder: Path, step: int) -> dict[str, Versions]:
+    """Processor seconds of versions of semlive that correlate the pair of a folder in turns."""
+    arguments = [sys.executable, str(JOBS / "semlive_job.py"), str(folder), str(step), ",".join(map(str, ROI))]
+    jobs = {
+        name: subprocess.Popen(
+            arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": str(checkout)}
+        )
+        for name, checkout in checkouts.items()
+    }
+    found: dict[str, list[dict[str, float]]] = {name: [] for name in jobs}
+    for turn in range(TURNS):
+        for name in sorted(jobs, reverse=bool(turn % 2)):
+            job = jobs[name]
+            assert job.stdin is not None
+            assert job.stdout is not None
+            job.stdin.write("\n")
+            job.stdin.flush()
+            found[name].append(json.loads(job.stdout.readline()))
+    for job in jobs.values():
+        job.communicate()
+    return {
+        name: Versions(min(r["cpu_s"] for r in runs), statistics.median(r["cpu_s"] for r in runs), int(runs[0]["points"]))
+        for name, runs in found.items()
+    }
+
+
 def line(noise: float, name: str, r: Result, base: Result) -> str:
     """One row of the table."""
     bias = f"{r.bias[0]:+.1e} / {r.bias[1]:+.1e}" if r.bias else "-"
@@ -128,8 +168,11 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=5, help="distance of points; larger ones are scaled to 18,000 points")
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
     parser.add_argument("--environments", type=Path, default=cache / "semlive" / "peers")
+    parser.add_argument("--before", type=Path, help="checkout of another version of semlive, measured in turns with this one")
+    parser.add_argument("--only", nargs="+", default=[""], help="parts of names of the engines to run")
     options = parser.parse_args()
-    pythons = {package: interpreter(options.environments, package) for package in PACKAGES}
+    peers = {name: job for name, job in PEERS.items() if any(part in name for part in options.only)}
+    pythons = {package: interpreter(options.environments, package) for package in {package for package, _ in peers.values()}}
     speckle = Speckle(WIDTH, HEIGHT)
     images = speckle.render(), speckle.render(MOTION)
     sys.stdout.write(f"threads of semlive: {threads.thread_count()}\n")
@@ -144,7 +187,14 @@ def main() -> None:
             pair.mkdir()
             tifffile.imwrite(pair / "0_ref.tif", first)
             tifffile.imwrite(pair / "1_cur.tif", second)
-            for name, (package, arguments) in PEERS.items():
+            if options.before is not None:
+                for name, v in in_turns(
+                    {"before": options.before, "present": Path(__file__).parents[2]}, Path(folder), options.step
+                ).items():
+                    sys.stdout.write(
+                        f"semlive, {name}, in turns: {v.least_s:.4f} s CPU at least, {v.median_s:.4f} s median, {v.points} points\n"
+                    )
+            for name, (package, arguments) in peers.items():
                 result = peer(pythons[package], package, arguments, Path(folder), options.step)
                 sys.stdout.write(line(noise, name, result, base))
                 sys.stdout.flush()

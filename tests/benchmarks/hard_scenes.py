@@ -7,7 +7,7 @@ interpolation of the texture (cubic, speckle of 6.7 px) is good to 0.02 px, far 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -204,8 +204,8 @@ def repeating(rng: np.random.Generator, noise: float) -> Scene:
     return _pair("repeating", noise, rng, random_motion(rng, degrees=2.0), np.where(part, tiled, base), unique=unique)
 
 
-def cracked(rng: np.random.Generator, noise: float) -> Scene:
-    """Two halves that part and slide along a straight line by up to 20 px."""
+def cracked(rng: np.random.Generator, noise: float, spot: float = SPOT_PX, contrast: float = CONTRAST) -> Scene:
+    """Two halves that part and slide along a straight line by up to 20 px; spots of a standard deviation in px, contrast in grey levels."""
     x, y = _pixels()
     whole = random_motion(rng, shift=20.0, degrees=2.0, strain=0.01)
     way = rng.uniform(0, 2 * np.pi)
@@ -219,7 +219,7 @@ def cracked(rng: np.random.Generator, noise: float) -> Scene:
     def beyond(px: NDArray, py: NDArray) -> NDArray:
         return (px - centre[0]) * normal[0] + (py - centre[1]) * normal[1] > 0
 
-    base = texture(rng)
+    base = texture(rng, spot=spot) * np.float32(contrast / CONTRAST)
     near, far = whole.back(x, y), other.back(x, y)
     of_far = beyond(*far)
     of_near = ~beyond(*near) & ~of_far
@@ -232,6 +232,31 @@ def cracked(rng: np.random.Generator, noise: float) -> Scene:
     first = _expose(128.0 + _sample(base, x, y), noise, rng)
     everywhere = np.ones(x.shape, bool)
     return Scene("crack", noise, first, _expose(second, noise, rng), u, v, inside & (distance > 2.0), distance > 1.0, everywhere)
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """Standard deviation of the spots in px, contrast and noise in grey levels."""
+
+    spot_px: float
+    contrast_grey: float
+    noise_grey: float
+
+
+DIFFICULT_PATTERNS = {
+    "coarse": Pattern(4.0, CONTRAST, 5.0),
+    "very coarse": Pattern(7.0, CONTRAST, 5.0),
+    "weak": Pattern(SPOT_PX, 7.0, 5.0),
+    "coarse and weak": Pattern(4.0, 12.0, 5.0),
+}
+
+
+def cracked_scene(number: int) -> Scene:
+    """Scene of this number with a crack in a pattern that is difficult for subsets, the patterns in turn."""
+    name = list(DIFFICULT_PATTERNS)[number % len(DIFFICULT_PATTERNS)]
+    pattern = DIFFICULT_PATTERNS[name]
+    s = cracked(np.random.default_rng([1000, number]), pattern.noise_grey, pattern.spot_px, pattern.contrast_grey)
+    return replace(s, name=f"crack, {name}")
 
 
 CASES = (moved, lit, occluded, half_missing, blank_on_screen, blank_on_specimen, repeating, cracked)

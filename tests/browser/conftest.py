@@ -23,9 +23,9 @@ from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 
-# A browser on two busy cores; where a page must be quick, its test says how quick.
+# A browser on two busy cores; where a page must be quick, its test states how quick.
 expect.set_options(timeout=30_000)
-# Every word that the page has for the state, in order, however short it is shown: a test that looks now and then misses some.
+# Every state text of the page, in order, however short it is shown: a test that samples the page misses some.
 STATES = """addEventListener("DOMContentLoaded", () => {
     const word = document.getElementById("state-word");
     window.states = [];
@@ -55,7 +55,7 @@ class Watched:
     folder: Path
     config: dict[str, Any]
     process: subprocess.Popen[str] | None = None
-    said: list[str] = field(default_factory=list)
+    printed: list[str] = field(default_factory=list)
 
     @property
     def log(self) -> Path:
@@ -69,15 +69,15 @@ class Watched:
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         assert self.process.stderr is not None
         for line in self.process.stderr:
-            self.said.append(line)
+            self.printed.append(line)
             if found := re.search(r"live page: (http\S+)", line):
-                threading.Thread(target=self._hear, args=(self.process.stderr,), daemon=True).start()
+                threading.Thread(target=self._collect, args=(self.process.stderr,), daemon=True).start()
                 return found[1]
-        raise AssertionError("".join(self.said))
+        raise AssertionError("".join(self.printed))
 
-    def _hear(self, stream: IO[str]) -> None:
+    def _collect(self, stream: IO[str]) -> None:
         with stream:
-            self.said.extend(stream)
+            self.printed.extend(stream)
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
         return [json.loads(message.payload) for message in messages(self.log) if message.topic == topic]
@@ -157,10 +157,10 @@ def shoot(tmp_path: Path) -> Callable[[Page, str], None]:
 
 @pytest.fixture
 def readable() -> Callable[[Page], None]:
-    """Asks axe-core what keeps people with a screen reader, or who see few colours, from using a page."""
+    """Check by axe-core that a page can be used with a screen reader and without colours."""
 
-    def asked(page: Page) -> None:
+    def check(page: Page) -> None:
         found = Axe().run(page)
         assert not found.response["violations"], found.generate_report()
 
-    return asked
+    return check

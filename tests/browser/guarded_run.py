@@ -26,7 +26,7 @@ from semlive.service.runtime.clock import SystemClock
 
 @dataclass
 class Run:
-    """A log that grows and a door that notes what it hears, with a page over both."""
+    """A growing log, a control socket that records its requests, and a page that uses both."""
 
     port: int
     control: SocketAddress

@@ -110,7 +110,7 @@ class StagedRun:
         self.state = state
         self.recorder.flush()
 
-    def _say(self, text: str, seconds: float, level: str = "info") -> None:
+    def _log_line(self, text: str, seconds: float, level: str = "info") -> None:
         self.write(LogLineMessage(time_ns=self._at(seconds), level=level, text=text), seconds)
 
     def _load(self, seconds: float, force_n: float, target_n: float, motion: MotionState = MotionState.STOPPED) -> None:
@@ -134,14 +134,14 @@ class StagedRun:
         self.write(run, 0.0)
         self.write(clock, 0.0)
         self._enter("connecting", 0.0, 0, "opening")
-        self._say("connecting to load frame and stage", 0.0)
+        self._log_line("connecting to load frame and stage", 0.0)
 
     def _pair(self, number: int) -> None:
         """One complete step: motion, hold, two frames, results."""
         step, begin = STEPS[number], STEP_S * number
         before_n, load_n = STEPS[number - 1].load_n or 0.0 if number else 0.0, step.load_n or 0.0
         self._enter("ramping", begin + 1.0, number)
-        self._say(f"step {number + 1} of {len(STEPS)}: {step.phase}, load {load_n:g} N", begin + 1.0)
+        self._log_line(f"step {number + 1} of {len(STEPS)}: {step.phase}, load {load_n:g} N", begin + 1.0)
         for part in np.linspace(0.0, 1.0, 8):
             self._load(begin + 1.0 + 8.0 * part, before_n + part * (load_n - before_n), load_n, MotionState.MOVING)
         self._enter("holding", begin + 15.0, number, "settled")
@@ -215,7 +215,7 @@ class StagedRun:
             for number in range(4):
                 self._pair(number)
             self._enter("ramping", now + 3.0, 4)
-            self._say("step 5 of 6: tension, load 800 N", now + 3.0)
+            self._log_line("step 5 of 6: tension, load 800 N", now + 3.0)
             self._load(now + 12.0, 618.0, 800.0, MotionState.MOVING)
         elif state == "hold":
             self._load(now + 20.0, 799.6, 800.0)
@@ -224,7 +224,7 @@ class StagedRun:
         elif state == "imaging":
             self._enter("imaging", self._now_s(), 4, "hold_over")
         elif state == "paused":
-            self._say("paused by page at 127.0.0.1", self._now_s())
+            self._log_line("paused by page at 127.0.0.1", self._now_s())
             self._enter("paused", self._now_s(), 4, "pause")
         elif state == "question":
             self._enter("ramping", self._now_s(), 4, "resume")
@@ -241,7 +241,7 @@ class StagedRun:
             text, action, time_ns = "the load 1207.3 N is beyond its limit of 1200 N", "motion was stopped and is held", self._at(now_s)
             self.write(FaultMessage(time_ns=time_ns, what=text, where="load frame", action=action, code="limit"), now_s)
             self.alarm = str(time_ns)
-            self._say(text, now_s)
+            self._log_line(text, now_s)
             self._enter("fault", now_s, 4, "limit")
         elif state == "finished":
             now_s = self._now_s()
@@ -250,7 +250,7 @@ class StagedRun:
             self._load(now_s, 1099.7, 1100.0)
             for number in (4, 5):
                 self._complete(number, now_s)
-            self._say("all 6 steps are done; load and position are held", now_s)
+            self._log_line("all 6 steps are done; load and position are held", now_s)
             self._enter("complete", now_s, 5, "last_step")
         self.recorder.flush()
 
@@ -269,7 +269,7 @@ def speckle() -> NDArray[np.uint8]:
 
 
 def strains(axial: float, draw: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Strains beside a hole in the middle."""
+    """Strains next to a hole in the middle."""
     y, x = np.mgrid[-1.0 : 1.0 : GRID.ny * 1j, -1.0 : 1.0 : GRID.nx * 1j]
     concentration = axial * (1.0 + 0.9 * np.exp(-((np.abs(x) - 0.35) ** 2 / 0.05 + y**2 / 0.08)))
     noise = cv2.GaussianBlur(draw.normal(0.0, 6e-4, (3, GRID.ny, GRID.nx)).transpose(1, 2, 0), (0, 0), 1.5).transpose(2, 0, 1)

@@ -154,7 +154,7 @@ def test_abort_asks_and_keys_are_enough(run: Run, tab: Callable[..., Page]) -> N
     run.heard.clear()
 
 
-def test_an_abort_is_heard_however_quickly_the_question_was_asked_before(run: Run, tab: Callable[..., Page]) -> None:
+def test_abort_is_accepted_immediately_after_its_confirmation_appeared(run: Run, tab: Callable[..., Page]) -> None:
     page = tab()
     page.goto(f"http://127.0.0.1:{run.port}/#token={run.control.token}")
     expect(page.locator("#state-word")).to_have_text("holding")
@@ -171,7 +171,7 @@ def test_an_abort_is_heard_however_quickly_the_question_was_asked_before(run: Ru
     run.heard.clear()
 
 
-def test_a_token_is_for_what_was_asked_last_however_quickly_it_was_requested_before(run: Run, tab: Callable[..., Page]) -> None:
+def test_a_token_belongs_to_the_last_request_after_fast_requests(run: Run, tab: Callable[..., Page]) -> None:
     page = tab()
     page.goto(f"http://127.0.0.1:{run.port}/")
     expect(page.locator("#state-word")).to_have_text("holding")

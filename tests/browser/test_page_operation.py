@@ -73,7 +73,7 @@ def test_readers_of_screens_find_their_way(run: Run, tab: Callable[..., Page], r
             page.keyboard.press("Escape")
 
 
-def test_readers_of_screens_are_told_of_a_map_on_its_way(run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]) -> None:
+def test_screen_readers_get_a_status_while_a_map_loads(run: Run, tab: Callable[..., Page], readable: Callable[[Page], None]) -> None:
     half, ones = np.full((3, 4), 0.5), np.ones((3, 4))
     ready = np.full((3, 4), PoiStatus.CONVERGED, dtype=np.uint8)
     run.recorder.write(DIC_MAP, encode_map(DisparityMap(0, 1, Grid(10, 10, 5, 4, 3, 21), half, half, half, half, ones, ready)))
@@ -161,7 +161,7 @@ def test_a_warning_about_a_result_does_not_cover_an_alarm_that_needs_a_person(
     expect(bar).to_be_hidden()
 
 
-def test_a_page_sees_a_transition_at_once(run: Run, tab: Callable[..., Page]) -> None:
+def test_a_transition_appears_at_once(run: Run, tab: Callable[..., Page]) -> None:
     page = tab()
     page.goto(f"http://127.0.0.1:{run.port}/")
     for state, word in (("imaging", "imaging"), ("fault", "FAULT"), ("complete", "complete")):

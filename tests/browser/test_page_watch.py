@@ -1,4 +1,4 @@
-"""A whole simulated experiment, watched and steered from the page in a real browser."""
+"""A complete simulated experiment, watched and steered from the page in a real browser."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ Shoot = Callable[[Page, str], None]
 Readable = Callable[[Page], None]
 
 
-def state(page: Page, word: str, timeout_s: float = 100.0) -> None:
+def state(page: Page, text: str, timeout_s: float = 100.0) -> None:
     expect(page.locator("#state-word")).to_have_text(word, timeout=1000 * timeout_s)
 
 
 def states(page: Page) -> int:
-    """How many words for the state the page has shown so far."""
+    """Number of state texts that the page has shown so far."""
     return int(page.evaluate("window.states.length"))
 
 
-def shown(page: Page, word: str, since: int) -> None:
-    """The state has had that word since then."""
-    page.wait_for_function("([word, since]) => window.states.slice(since).includes(word)", arg=[word, since], timeout=100_000)
+def shown(page: Page, text: str, since: int) -> None:
+    """The state text was shown since then."""
+    page.wait_for_function("([text, since]) => window.states.slice(since).includes(text)", arg=[text, since], timeout=100_000)
 
 
 @pytest.mark.timeout(900)
@@ -59,7 +59,7 @@ def test_an_experiment_is_watched_steered_interrupted_and_completed(
     expect(page.get_by_role("alert")).to_contain_text("Resume repeats the step with its complete hold")
     expect(page.get_by_role("button", name="Stop")).to_be_enabled()
     page.get_by_role("button", name="Resume").click()
-    # A second pair, so that the run that is taken up again has something behind it.
+    # A second pair, so that the resumed run has an earlier pair.
     expect(page.locator("#plan tr.done")).to_have_count(1, timeout=60_000)
     state(page, "holding")
     run.process.send_signal(signal.SIGKILL)
@@ -81,14 +81,14 @@ def test_an_experiment_is_watched_steered_interrupted_and_completed(
     expect(page.locator("#step")).to_have_text("step 5 of 5, tension", timeout=240_000)
     completed(run, page)
     shoot(page, "complete")
-    assert run.end() == 0, run.said
+    assert run.end() == 0, run.printed
     printed = [reported["what"] for reported in run.logged("/operator")]
     assert printed == ["start", "pause", "resume", "resume"]
     with served(run.log) as shows:
         tablet = tab(viewport={"width": 820, "height": 1180})
         looked_at(tablet, shows, shoot)
         readable(tablet)
-    with served(begun(run)) as shows:
+    with served(log_before_states(run)) as shows:
         page = tab()
         page.goto(shows)
         state(page, "idle")
@@ -96,9 +96,9 @@ def test_an_experiment_is_watched_steered_interrupted_and_completed(
         shoot(page, "idle")
 
 
-def begun(run: Any) -> Path:
+def log_before_states(run: Any) -> Path:
     """A run's log as it is before the first state."""
-    path = run.folder / "begun.mcap"
+    path = run.folder / "before.mcap"
     with path.open("wb") as stream:
         writer = LogWriter(stream)
         for reported in takewhile(lambda message: message.topic != "/state", messages(run.log)):
@@ -108,7 +108,7 @@ def begun(run: Any) -> Path:
 
 
 def completed(run: Any, page: Page) -> None:
-    """The end of the run is on the page before the daemon takes the page away: results, maps, words."""
+    """The end of the run is on the page before the daemon takes the page away: results, maps, texts."""
     state(page, "complete")
     expect(page.locator("#plan tr.done")).to_have_count(5)
     expect(page.locator("#map-which")).to_have_text("9: tension 800 N", timeout=90_000)

@@ -86,7 +86,7 @@ def test_the_keyboard_suffices(server: RegionServer, page: Page) -> None:
     assert drawing.masks_px == (((100, 90), (120, 90), (120, 130), (100, 130)),)
 
 
-def test_a_click_alone_is_no_mask_and_the_region_can_be_kept(server: RegionServer, page: Page) -> None:
+def test_a_single_click_is_no_mask_and_the_region_can_stay(server: RegionServer, page: Page) -> None:
     page.get_by_label("Mask: rectangle").check()
     drag(page, (200, 100))
     expect(page.locator("#masks li")).to_have_count(0)

@@ -76,7 +76,7 @@ class Patient:
         return self
 
     def falls_ill(self, ill: str, times: int | None = None) -> None:
-        """For good, or for so many calls."""
+        """Permanently, or for this number of calls."""
         path = self.folder / "ills" / ill
         path.with_name("being written").write_text("" if times is None else str(times), encoding="utf-8")
         path.with_name("being written").replace(path)
@@ -113,7 +113,7 @@ class Patient:
         return self.daemon.returncode, " ".join(err.split())
 
     def is_in_order(self) -> None:
-        """The machine was told to rest as the last thing, and the log is whole."""
+        """The last order to the machine was a stop, and the log is complete."""
         after_last_ramp = self.calls()[::-1]
         assert "stop" in after_last_ramp[: after_last_ramp.index("ramp_to")], self.calls()
         assert [item.name for item in self.log.iterdir()] == ["run.000.mcap"]

@@ -64,7 +64,7 @@ class Instrument:
         return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def run(self) -> tuple[int, str]:
-        """The daemon to its end: exit code and what it said."""
+        """Run the daemon to its end; exit code and printed text."""
         process = self.start()
         out, err = process.communicate(timeout=250)
         return process.returncode, out + err
@@ -90,7 +90,7 @@ class Instrument:
             client.close()
 
     def load_frame_status(self) -> int:
-        """What the load frame says of its motion: 0 stopped, 1 moving, 2 in fault."""
+        """Motion status of the load frame: 0 stopped, 1 moving, 2 in fault."""
         client = ModbusTcpClient(self.bench["host"], port=self.bench["port"], timeout=20, retries=0)
         assert client.connect()
         try:
@@ -124,7 +124,7 @@ def instrument(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
 
 @dataclass
 class Watched:
-    """The log of a run while it grows, read message by message: on a busy computer a whole log takes seconds to read.
+    """The log of a run while it grows, read message by message: on a busy computer the complete log takes seconds to read.
 
     Attributes:
         log: run folder.

@@ -26,8 +26,10 @@ from semlive.dic.bands.second_estimate import banded_second_estimates
 from semlive.dic.correlate import MAX_PASSES, ORDER, first_attempts, point_measurements, refine_fourth_order, to_disparity_map
 from semlive.dic.initial_guess.fields import residual_affine_field, smooth_field
 from semlive.dic.method_choice import choose_map
+from semlive.dic.neighbour_scatter import widened
 from semlive.dic.outlier_rejection import PointMeasurements
 from semlive.dic.reference import FrameStatistics
+from semlive.dic.second_estimate import SecondEstimates
 from semlive.errors import BadInput
 from semlive.kernels import images
 from semlive.kernels.subset_matching import interface
@@ -92,12 +94,21 @@ def correlate_tiled(
         return by_field(_unusable(pair, grid, settings))
     measured = _measurements(pair, grid, settings, statistics, band_px, band_points)
 
-    def confirmed() -> DisparityMap:
-        # both filters of a band need as much memory again
-        second = banded_second_estimates(pair, grid, measured, statistics, settings, band_px // 2, band_points)
-        return to_map(measured, second=second)
+    disparity = to_map(measured)
 
-    return choose_map(to_map(measured), measured, statistics.noise_grey, settings, confirmed, lambda: by_field(measured.status))
+    def second() -> SecondEstimates:
+        # both filters of a band need as much memory again
+        return banded_second_estimates(pair, grid, measured, statistics, settings, band_px // 2, band_points)
+
+    return choose_map(
+        disparity,
+        measured,
+        statistics.noise_grey,
+        settings,
+        lambda: to_map(measured, second=second()),
+        lambda: by_field(measured.status),
+        lambda: widened(disparity, second(), None, settings),
+    )
 
 
 def _unusable(pair: ImagePair, grid: Grid, settings: DicSettings) -> NDArray[np.uint8]:

@@ -13,6 +13,7 @@ from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.dic.global_method.agreement import round_trip, support
 from semlive.dic.global_method.coarse import find_blocks
+from semlive.dic.global_method.discontinuity import discontinuous
 from semlive.dic.global_method.filters import band_pass, smoothed, without_row_offsets
 from semlive.dic.global_method.posterior import covariance_at, field_at, neighbour_share, own_information, subset_sum
 from semlive.dic.global_method.solver import Field, FramePair, Solution, first_field, refine
@@ -68,8 +69,8 @@ def measure(
 
     Returns:
         The map with `neighbour_share`. Points are CONVERGED where two estimates agree: the two band-passes with the field, or forward and
-        backward with at least one of them. If the frames do not show the same place, every point is NO_SEED; if another shift of the
-        frame fits as well, AMBIGUOUS.
+        backward with at least one of them. Points at a discontinuity that the field bridges are INCONSISTENT. If the frames do not show
+        the same place, every point is NO_SEED; if another shift of the frame fits as well, AMBIGUOUS.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small, and the result must not depend on the number of threads
         return _measure(f, g, grid, unusable, used, (reference_frame, current_frame), min_valid_fraction, search_px)
@@ -134,12 +135,13 @@ def _measure(
 def _status(
     f: Image, g: Image, forward: Solution, backward: Solution, grid: Grid, sigma_u: Array, sigma_v: Array, min_valid_fraction: float
 ) -> NDArray[np.uint8]:
-    """(ny, nx) status: CONVERGED where both bands confirm the field, or one band and the reversed field."""
+    """(ny, nx) status: CONVERGED where both bands confirm the field, or one band and the reversed field, and no discontinuity is near."""
     bands, inside = support(f, g, forward.field, grid)
     closure = round_trip(forward.field, backward.field, grid)
     both = np.min(bands, axis=0) >= MIN_SUPPORT
     returned = closure <= ROUND_TRIP_PX + ROUND_TRIP_SIGMAS * np.hypot(sigma_u, sigma_v)
     agree = both | (returned & (np.max(bands, axis=0) >= MIN_SUPPORT))
+    agree &= ~discontinuous(forward, grid, np.maximum(sigma_u, sigma_v))
     pixels = subset_sum(forward.used, grid)
     status = np.full(grid.shape, PoiStatus.CONVERGED, dtype=np.uint8)
     status[~agree] = PoiStatus.INCONSISTENT

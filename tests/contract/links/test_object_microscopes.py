@@ -95,7 +95,7 @@ def test_a_com_call_that_never_returns_is_a_named_fault_and_blocks_no_one(zeiss:
     hangs.set()
 
 
-def test_a_computer_without_com_is_told_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_com_support_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pythoncom", None)
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(LinkRefused, match="run semlive on Windows for this trigger"):

@@ -100,7 +100,7 @@ def test_a_frame_has_the_pixels_that_were_sent_and_the_settings_that_were_report
     assert info.column.detector.value == "BSE"
 
 
-def test_what_is_asked_of_the_microscope_moves_and_sets_nothing(peer: Peer, tmp_path: Path) -> None:
+def test_no_request_to_the_microscope_moves_or_sets_anything(peer: Peer, tmp_path: Path) -> None:
     scanned(peer, tmp_path)
     commands = peer.microscope.commands
     assert not [name for name in commands if name.startswith(MOVES)]
@@ -143,7 +143,7 @@ def test_data_of_an_earlier_frame_and_repeated_data_do_no_harm(peer: Peer, tmp_p
         ("bits", "pixels of 16 bit instead of 8"),
     ],
 )
-def test_a_frame_that_is_not_whole_is_refused(peer: Peer, tmp_path: Path, fault: str, reason: str) -> None:
+def test_an_incomplete_frame_is_refused(peer: Peer, tmp_path: Path, fault: str, reason: str) -> None:
     assert reason in refused(peer, tmp_path, data_fault=fault)
 
 

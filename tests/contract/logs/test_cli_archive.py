@@ -77,29 +77,29 @@ def graph(crate: Path) -> dict[str, dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def known(imported: Path) -> Any:
+def summary(imported: Path) -> Any:
     return replay(ReplayRequest(imported, until=5))
 
 
 @pytest.fixture(scope="module")
-def loaded(known: Any, imported: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def loaded(summary: Any, imported: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Fields of a log as a load frame and a microscope with images would have left them."""
-    metadata = run_metadata(imported, known)
+    metadata = run_metadata(imported, summary)
     column = ColumnSettings(
         Sourced("ETD", Provenance.FILE), Sourced(2e4, Provenance.FILE), Sourced(0.01, Provenance.FILE), None, Sourced(90.0, Provenance.FILE)
     )
-    infos = [dataclasses.replace(decision.first, column=column) for decision in known.result.decisions]
+    infos = [dataclasses.replace(decision.first, column=column) for decision in summary.result.decisions]
     decisions = tuple(
         dataclasses.replace(decision, first=info, second=dataclasses.replace(decision.second, column=column))
-        for decision, info in zip(known.result.decisions, infos, strict=True)
+        for decision, info in zip(summary.result.decisions, infos, strict=True)
     )
-    provenance = export_provenance(imported, Deposit(), known.settings.scan)
+    provenance = export_provenance(imported, Deposit(), summary.settings.scan)
     provenance = dataclasses.replace(provenance, images={infos[0].export: HashedFile(None, "a.tif", 9, "0" * 64)})
     load = LoadSeries(np.array([10**9, 3 * 10**9]), np.array([1.0, 2.0]), np.array([0.0, 0.1]), None)
-    result = dataclasses.replace(known.result, decisions=decisions)
+    result = dataclasses.replace(summary.result, decisions=decisions)
     out = tmp_path_factory.mktemp("loaded") / "loaded.nxs"
     writer = NexusWriter(out)
-    writer.write_frame(known.result.frames[0])
+    writer.write_frame(summary.result.frames[0])
     writer.write_metadata(dataclasses.replace(metadata, result=result, load=load, provenance=provenance))
     writer.close(True)
     return out
@@ -137,8 +137,8 @@ def test_a_missing_member_is_found(loaded: Path, tmp_path: Path) -> None:
         }
 
 
-def test_nexus_stacks_are_the_fields_with_uncertainties(crate: Path, known: Any) -> None:
-    frame = known.result.frames[11]
+def test_nexus_stacks_are_the_fields_with_uncertainties(crate: Path, summary: Any) -> None:
+    frame = summary.result.frames[11]
     with h5py.File(crate / "fields.nxs") as file:
         roi = file["entry/roi1"]
         moved, valid = frame.displacement, frame.displacement.valid
@@ -146,16 +146,16 @@ def test_nexus_stacks_are_the_fields_with_uncertainties(crate: Path, known: Any)
             np.testing.assert_array_equal(roi[name][11], np.where(valid, values, np.nan))
         np.testing.assert_array_equal(roi["eyy/eyy"][11], np.where(frame.strain.valid, frame.strain.eyy, np.nan))
         assert roi["v/v_systematic"].shape == roi["v/v"].shape
-        np.testing.assert_array_equal(roi["eyy/x"], known.analysis.grid.x_px)
+        np.testing.assert_array_equal(roi["eyy/x"], summary.analysis.grid.x_px)
         assert roi["eyy"].attrs["signal"] == "eyy"
         assert list(roi["eyy"].attrs["axes"]) == ["frame", "y", "x"]
         assert roi["eyy/frame"][()].tolist() == list(range(12))
-        np.testing.assert_array_equal(roi["drift/dx_errors"], known.result.estimate.drift.sigma_px[:, 0])
+        np.testing.assert_array_equal(roi["drift/dx_errors"], summary.result.estimate.drift.sigma_px[:, 0])
         assert roi["series/phase"].asstr()[-1] == "tension"
 
 
-def test_nexus_has_scan_times_with_their_source(loaded: Path, known: Any) -> None:
-    info = known.result.decisions[0].first
+def test_nexus_has_scan_times_with_their_source(loaded: Path, summary: Any) -> None:
+    info = summary.result.decisions[0].first
     timing = info.timing
     with h5py.File(loaded) as file:
         event = file["entry/measurement/event_0"]
@@ -179,13 +179,13 @@ def test_nexus_has_the_load_as_sampled(loaded: Path) -> None:
         assert log["value"][()].tolist() == [1.0, 2.0]
 
 
-def test_hyperspy_reads_the_nexus_file(crate: Path, known: Any) -> None:
+def test_hyperspy_reads_the_nexus_file(crate: Path, summary: Any) -> None:
     (signal,) = file_reader(str(crate / "fields.nxs"), nxdata_only=True, dataset_path="/entry/roi1/eyy", skip_array_metadata=True)
     frame, y, x = signal["axes"]
-    grid = known.analysis.grid
+    grid = summary.analysis.grid
     assert (x["name"], x["scale"], x["offset"], x["units"]) == ("x", grid.step_px, grid.x0_px, "pixel")
     assert (y["size"], frame["size"]) == (grid.ny, 12)
-    assert np.nanmax(signal["data"][11]) == known.result.frames[11].strain.eyy[known.result.frames[11].strain.valid].max()
+    assert np.nanmax(signal["data"][11]) == summary.result.frames[11].strain.eyy[summary.result.frames[11].strain.valid].max()
 
 
 def test_crate_lists_its_files_with_checksums(crate: Path, graph: dict[str, dict[str, Any]]) -> None:
@@ -221,7 +221,7 @@ def test_every_reference_of_the_crate_leads_to_an_entity(graph: dict[str, dict[s
     assert [name for name in found if name not in graph and name != "https://w3id.org/ro/crate/1.1"] == []
 
 
-def test_crate_without_description_leaves_the_licence_to_the_owner(semlive: Semlive, short: Path, tmp_path: Path) -> None:
+def test_crate_without_description_contains_no_licence(semlive: Semlive, short: Path, tmp_path: Path) -> None:
     code, printed, err = semlive("export", short, "--format", "ro-crate", "-o", tmp_path / "crate", "--until", "0", "--json")
     assert (code, err) == (0, "")
     assert json.loads(printed)["missing"] == [

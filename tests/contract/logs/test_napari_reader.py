@@ -47,7 +47,7 @@ def test_every_field_is_a_layer_on_the_pixels_of_frame_0(opened: tuple[Path, Rep
     np.testing.assert_array_equal(moved[np.isfinite(moved)], stored[np.isfinite(moved)])
 
 
-def test_files_of_others_are_left_to_other_readers(tmp_path: Path) -> None:
+def test_files_of_other_programs_are_not_read(tmp_path: Path) -> None:
     text, other = tmp_path / "a.h5", tmp_path / "b.h5"
     text.write_text("no HDF5")
     h5py.File(other, "w").close()

@@ -1,4 +1,4 @@
-"""The states of a run while its log grows, each message read once: to read the whole log every 10 ms takes a processor."""
+"""The states of a run while its log grows, each message read once: reading the complete log every 10 ms occupies a processor."""
 
 from __future__ import annotations
 

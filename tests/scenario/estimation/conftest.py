@@ -129,10 +129,10 @@ class World:
 
 
 def timing() -> ScanTiming:
-    def known(value: float) -> Sourced[float]:
+    def sourced(value: float) -> Sourced[float]:
         return Sourced(value, Provenance.CONFIG)
 
-    return ScanTiming(known(DWELL_S), known(ROW_S), known(FRAME_S), Sourced(1, Provenance.CONFIG))
+    return ScanTiming(sourced(DWELL_S), sourced(ROW_S), sourced(FRAME_S), Sourced(1, Provenance.CONFIG))
 
 
 def full_plan() -> list[Step]:

@@ -52,7 +52,7 @@ def written(folder: Path, *arguments: object, typed: str | None = None) -> Any:
     return CliRunner().invoke(app, ["init", str(folder / "run.yaml"), *map(str, arguments)], input=typed)
 
 
-def test_the_default_region_leaves_a_margin_for_the_shifts_of_the_calibration() -> None:
+def test_the_default_region_has_a_margin_for_the_shifts_of_the_calibration() -> None:
     assert default_region(SIZE) == (61, 61, 258, 178)
     assert default_region(FrameSize(60, 60, 43)) == (25, 25, 34, 34)
     with pytest.raises(BadInput, match="a frame of 40 x 60 px is smaller than a subset of 43 px"):
@@ -106,7 +106,7 @@ def test_a_drawing_is_the_answer(frame: Path) -> None:
     assert answer.mask.startswith(b"\x89PNG")
 
 
-def test_the_region_as_it_was_can_be_kept(server: RegionServer) -> None:
+def test_the_region_can_stay_unchanged(server: RegionServer) -> None:
     assert request(server, "POST", "/keep")[0] == 200
     assert server.answer(5.0) is None
 

@@ -33,7 +33,7 @@ def a_map(points):
 
 def chosen(points, measured, settings=AUTO, *, confirmed=99, by_field=98):
     """Number of valid points of the chosen map, with 2 grey levels of noise."""
-    m = choose_map(a_map(points), measured, 2.0, settings, lambda: a_map(confirmed), lambda: a_map(by_field))
+    m = choose_map(a_map(points), measured, 2.0, settings, lambda: a_map(confirmed), lambda: a_map(by_field), lambda: a_map(points))
     return int(m.valid.sum())
 
 

@@ -159,14 +159,14 @@ def test_a_blank_that_groups_digits_is_no_separator() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "wanted", "message"),
+    ("text", "column", "message"),
     [
         # A text and a lost value are no names, and an empty cell of them gets no further empty cell.
         ("running,-nan(ind),\nrunning,-6,462e-02,\n", 2, "has 4 cells under 3"),
         ("running,,\nrunning,-6,462e-02,\n", 2, "has 4 cells under 3"),
         # A decimal comma in a title is no separator of names; the line below is a name and its unit.
         ("Rate: 0,5 mm/min\nv, px\n1302,10430\n", 1, "may mean '1302' and '10430', or '1302,10430'"),
-        # A torn line below names that are separated otherwise is no single column.
+        # An incomplete line below names that are separated otherwise is no single column.
         ('Tensile test 7\nx_1,Force,Ext\n"799,23"\n', 1, "1 cells under 3"),
         ("# Ext,Time\n-2620,265843\n-586,121983\n2676\n", 1, "has 1 cells under 2"),
         ("# Ext / s;x_1 / kN;Strain / %\n0\n", 1, "1 cells under 3"),
@@ -181,15 +181,15 @@ def test_a_blank_that_groups_digits_is_no_separator() -> None:
         ("Time,Force\n-2,788e+01\n", "Force", "may mean '-2' and '788e.01', or '-2,788e.01'"),
     ],
 )
-def test_what_may_be_another_number_is_refused(text: str, wanted: str | int, message: str) -> None:
+def test_what_may_be_another_number_is_refused(text: str, column: str | int, message: str) -> None:
     """Each of these was read as another number than the one written."""
     with pytest.raises(BadInput, match=message):
-        read(text, wanted, searched=200)
+        read(text, column, searched=200)
 
 
 @pytest.mark.parametrize("cells", ["1 2 3 4 5", "1 2 3"])
-def test_a_single_line_with_more_or_fewer_cells_than_words_above_it_is_refused(cells: str) -> None:
-    """Three equal lines show that the words are a title, unless these state a unit."""
+def test_a_single_line_with_more_or_fewer_cells_than_names_above_it_is_refused(cells: str) -> None:
+    """Three equal lines show that the text above is a title, unless these state a unit."""
     with pytest.raises(BadInput, match=r"has . cells under 4 names"):
         read(f"# u v Force Strain\n{cells}\n", 1)
     assert read(f"# u v Force Strain\n{cells}\n{cells}\n{cells}\n", 1)[1] == [[1.0]] * 3
@@ -220,7 +220,7 @@ def test_bars_between_numbers_are_refused_by_name(text: str) -> None:
     assert read("Time|Force\n0.1|134.2\n", "Force", given=Convention(separator="|"))[1] == [[134.2]]
 
 
-def test_labview_leaves_out_empty_comments() -> None:
+def test_empty_comments_that_labview_omits_are_accepted() -> None:
     assert read("X_Value\tForce\tComment\n0,0\t134,2\n0,1\t134,3\n", "Force")[1] == [[134.2], [134.3]]
 
 

@@ -17,13 +17,13 @@ NAME = "magnification_drift"
 FRAMES = tuple(range(20, 32))
 
 
-def known(value: float) -> Sourced[float]:
+def sourced(value: float) -> Sourced[float]:
     return Sourced(value, Provenance.FILE)
 
 
 INFO = FrameInfo(
-    3, "a.tif", "fei", 1024, 884, 60, ScanTiming(known(1e-4), known(0.107), known(94.6), Sourced(1, Provenance.FILE)),
-    Sourced(1_795_688_108_158_812_000, Provenance.DERIVED), 0.01, known(2e-6), ColumnSettings(voltage_v=known(30e3)),
+    3, "a.tif", "fei", 1024, 884, 60, ScanTiming(sourced(1e-4), sourced(0.107), sourced(94.6), Sourced(1, Provenance.FILE)),
+    Sourced(1_795_688_108_158_812_000, Provenance.DERIVED), 0.01, sourced(2e-6), ColumnSettings(voltage_v=sourced(30e3)),
 )  # fmt: skip
 
 

@@ -59,11 +59,11 @@ class Nesting(HTMLParser):
 
 def test_a_page_is_nested_needs_nothing_and_names_each_figure(document: Document) -> None:
     page = html_page(document)
-    seen = Nesting()
-    seen.feed(page)
-    assert (seen.open, seen.wrong) == ([], [])
-    assert len(seen.identities) == len(set(seen.identities))
-    assert {target[1:] for target in re.findall(r'href="(#[^"]*)"', page)} <= set(seen.identities)
+    nesting = Nesting()
+    nesting.feed(page)
+    assert (nesting.open, nesting.wrong) == ([], [])
+    assert len(nesting.identities) == len(set(nesting.identities))
+    assert {target[1:] for target in re.findall(r'href="(#[^"]*)"', page)} <= set(nesting.identities)
     assert not re.search(r'src="(?!data:image/svg)|href="(?!#)|url\(|<script', page)
     assert "<b>Figure 1. A &lt;curve&gt;.</b> Read it so." in page
     assert "<b>Figure 2. Another.</b>" in page

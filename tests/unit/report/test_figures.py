@@ -25,10 +25,10 @@ def frame(number: int, scale: float) -> FrameResult:
 def test_a_curve_keeps_its_extremes_when_it_is_thinned() -> None:
     values = np.zeros(50 * MAX_SAMPLES)
     values[[777, 99_999]] = 5.0, -3.0
-    kept = thinned(values)
-    assert kept.size <= MAX_SAMPLES
-    assert {777, 99_999} <= set(kept.tolist())
-    assert np.all(np.diff(kept) > 0)
+    samples = thinned(values)
+    assert samples.size <= MAX_SAMPLES
+    assert {777, 99_999} <= set(samples.tolist())
+    assert np.all(np.diff(samples) > 0)
     assert thinned(values[:100]).size == 100
 
 

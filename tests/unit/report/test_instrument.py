@@ -13,14 +13,14 @@ from semlive.report.sections.instrument import instrument_rows, microscope_text,
 from semlive.report.sections.wording import NOT_RECORDED
 
 
-def known(value: float) -> Sourced[float]:
+def sourced(value: float) -> Sourced[float]:
     return Sourced(value, Provenance.FILE)
 
 
 START_NS = 1_795_688_108_158_812_000
-COLUMN = ColumnSettings(Sourced("BSED", Provenance.FILE), known(30e3), known(0.01), None, known(0.0))
+COLUMN = ColumnSettings(Sourced("BSED", Provenance.FILE), sourced(30e3), sourced(0.01), None, sourced(0.0))
 INFO = FrameInfo(
-    3, "a.tif", "fei", 1024, 884, 60, ScanTiming(known(1e-4), known(0.107), known(94.588), Sourced(1, Provenance.FILE)),
+    3, "a.tif", "fei", 1024, 884, 60, ScanTiming(sourced(1e-4), sourced(0.107), sourced(94.588), Sourced(1, Provenance.FILE)),
     Sourced(START_NS, Provenance.DERIVED), 0.01, Sourced(1.25e-6, Provenance.CONFIG), COLUMN,
 )  # fmt: skip
 
@@ -48,9 +48,9 @@ def test_each_setting_has_its_source() -> None:
 
 
 def test_missing_values_are_named() -> None:
-    bare = replace(INFO, column=ColumnSettings(), pixel_size_m=Sourced(0.0, Provenance.UNKNOWN))
-    assert f"The pixel size is {NOT_RECORDED}." in microscope_text(bare)
-    assert {name: value for name, value, _ in instrument_rows(bare)}["pixel size"] == NOT_RECORDED
+    without_metadata = replace(INFO, column=ColumnSettings(), pixel_size_m=Sourced(0.0, Provenance.UNKNOWN))
+    assert f"The pixel size is {NOT_RECORDED}." in microscope_text(without_metadata)
+    assert {name: value for name, value, _ in instrument_rows(without_metadata)}["pixel size"] == NOT_RECORDED
     assert "made from disparity maps of another program" in microscope_text(replace(INFO, vendor=FrameOrigin.IMPORTED))
 
 

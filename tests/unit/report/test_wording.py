@@ -37,7 +37,7 @@ def test_dates_are_utc_and_english() -> None:
     assert (utc_date(1_795_688_108_158_812_000), utc_time(1_795_688_108_158_812_000)) == ("26 November 2026", "10:15")
 
 
-def test_lists_and_counts_are_words() -> None:
+def test_lists_and_counts_as_text() -> None:
     assert [joined(words) for words in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == ["", "a", "a and b", "a, b and c"]
     assert [counted(1, "pair"), counted(2, "pair")] == ["1 pair", "2 pairs"]
 

@@ -26,7 +26,7 @@ def planned() -> tuple[RunProgress, tuple[float, ...]]:
     return with_plan(RunProgress(scan_s=SCAN_S), plan, 0.0), expected_s
 
 
-def test_nothing_is_known_before_the_first_scan() -> None:
+def test_no_remaining_time_before_the_first_scan() -> None:
     progress, _ = planned()
     assert RunProgress().shown()["remaining_s"] is None
     assert with_plan(RunProgress(), progress.plan, 0.0).shown()["remaining_s"] is None
