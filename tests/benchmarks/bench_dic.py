@@ -1,17 +1,9 @@
-<<<<<<< HEAD
-"""Speed, memory and accuracy of the DIC engine, each with its bar: ``python tests/benchmarks/bench_dic.py [quick]``.
+"""Speed, memory and accuracy of the DIC engine, each with its bar: ``python tests/benchmarks/bench_dic.py [quick|accuracy]``.
 
 The job: 1024 x 884 px, 8 bit, subset 43, 150 x 120 = 18,000 POI 5 px apart, shift (3.3, -2.7) px plus 1e-3 strain, speckle of
 6.7 px, rendered analytically. Times are the best of RUNS, taken in turns (one and two threads, new and kept reference), so that
-other work of the machine affects all equally; the median next to it shows how much that was. ``quick`` skips the large frames.
-=======
-"""Speed, memory and accuracy of the DIC engine, each beside its bar: ``python tests/benchmarks/bench_dic.py [quick|accuracy]``.
-
-The job: 1024 x 884 px, 8 bit, subset 43, 150 x 120 = 18,000 POI 5 px apart, shift (3.3, -2.7) px plus 1e-3 strain, speckle of
-6.7 px, rendered analytically. Times are the best of RUNS, taken in turns (one and two threads, new and kept reference), so that
-what else the machine does meets all alike; the median beside it tells how much that was. ``quick`` leaves out the large frames,
-``accuracy`` everything but the errors.
->>>>>>> raster
+other work of the machine affects all equally; the median next to it shows how much that was. ``quick`` skips the large frames,
+``accuracy`` everything except the errors.
 
 Two processors of a machine rarely give twice one: virtual ones share a core at times, and all share memory. So the same work is
 also done, in the same turns, by one process of one thread and by two such processes at once, which share nothing: what these give

@@ -138,13 +138,8 @@ def main() -> None:
     sys.stdout.write(f"{'case':24}{'points':>9}{'converged':>11}{'wrong':>7}{'worst px':>10}{'matchable':>11}{'converged':>11}{'%':>8}\n")
     for name, c in sorted(counts.items()):
         part = f"{100 * c.matched / c.matchable:8.2f}" if c.matchable else "       -"
-<<<<<<< HEAD
-        line = f"{name:20}{c.points:9}{c.converged:11}{c.wrong:7}{c.worst_px:10.3f}{c.matchable:11}{c.matched:11}{part}"
-        sys.stdout.write(line + (f"   repeating {c.repeating}, marked as such {c.ambiguous}\n" if c.repeating else "\n"))
-=======
         line = f"{name:24}{c.points:9}{c.converged:11}{c.wrong:7}{c.worst_px:10.3f}{c.matchable:11}{c.matched:11}{part}"
-        sys.stdout.write(line + (f"   repeating {c.repeating}, said so {c.ambiguous}\n" if c.repeating else "\n"))
->>>>>>> raster
+        sys.stdout.write(line + (f"   repeating {c.repeating}, marked as such {c.ambiguous}\n" if c.repeating else "\n"))
     total = Count(*(sum(getattr(c, f) for c in counts.values()) for f in Count.__dataclass_fields__))
     share = 100 * total.matched / max(total.matchable, 1)
     sys.stdout.write(f"all: {total.points} points, {total.wrong} wrong, {share:.2f} % of {total.matchable} matchable converged\n")

@@ -27,11 +27,11 @@ from semlive.service.log.files import messages
 expect.set_options(timeout=30_000)
 # Every state text of the page, in order, however short it is shown: a test that samples the page misses some.
 STATES = """addEventListener("DOMContentLoaded", () => {
-    const word = document.getElementById("state-word");
+    const shown = document.getElementById("state-word");
     window.states = [];
-    if (word) {
+    if (shown) {
         const watched = {childList: true, characterData: true, subtree: true};
-        new MutationObserver(() => window.states.push(word.textContent)).observe(word, watched);
+        new MutationObserver(() => window.states.push(shown.textContent)).observe(shown, watched);
     }
 });"""
 RATE = 30.0

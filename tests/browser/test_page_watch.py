@@ -24,7 +24,7 @@ Readable = Callable[[Page], None]
 
 
 def state(page: Page, text: str, timeout_s: float = 100.0) -> None:
-    expect(page.locator("#state-word")).to_have_text(word, timeout=1000 * timeout_s)
+    expect(page.locator("#state-word")).to_have_text(text, timeout=1000 * timeout_s)
 
 
 def states(page: Page) -> int:

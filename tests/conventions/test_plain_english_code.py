@@ -33,8 +33,8 @@ CONTRACT_FIELDS = {
 }
 """Identifiers of one module that are keys of the JSON which the live page reads, or of stored observations."""
 
-CONTRACT_KEYS = r"\b(?:tells|says|words|said)(?=:| names\b)|#words\b"
-"""Keys of device maps and of stored observations, and an anchor of a page, in texts of the tests."""
+CONTRACT_KEYS = r"\b(?:tells|says|words|said)(?=:| names\b)|#words\b|/say\b|\"say\"|\bstate-word\b"
+"""Keys of device maps, of stored observations and of the live page's requests, and two anchors of pages, in texts of the tests."""
 
 NO_PROSE = (
     "tests/conventions/measure.py",

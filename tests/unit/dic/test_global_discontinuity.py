@@ -39,7 +39,7 @@ def wrong(m, error):
 
 
 @pytest.mark.parametrize(("spot_px", "contrast_grey"), [(4.0, 39.0), (2.0, 8.0)])
-def test_points_at_a_crack_are_refused_and_others_are_kept(spot_px, contrast_grey):
+def test_only_points_at_a_crack_are_refused(spot_px, contrast_grey):
     m, error = maps(spot_px, contrast_grey, 2.0)
     assert not wrong(m, error).any()
     at_x, _ = m.grid.mesh()
