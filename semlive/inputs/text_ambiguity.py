@@ -25,7 +25,7 @@ DEFINITE = 10**6
 _NUMBER_AND_MORE = re.compile(r"[+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?\s+\S")
 _FIRST_GROUP = re.compile(r"(?:.*\s)?[+-]?[1-9][0-9]{0,2}")
 _NEXT_GROUP = re.compile(r"[0-9]{3}(?![0-9])")
-_LINES_BELOW_A_TITLE = 3
+LINES_BELOW_A_TITLE = 3
 """This many lines with equal numbers of cells show that the text above them is a title; an incomplete line does not occur twice."""
 
 
@@ -80,7 +80,7 @@ def check_above(lines: Sequence[str], start: int, layout: Layout, rows: Rows, gi
             continue
         occurs = separator != " " and any(separator in lines[number - 1] for number, _ in rows)
         is_title = (is_comment or separator != layout.separator) and not states_unit(above)
-        if is_title and len(rows) >= _LINES_BELOW_A_TITLE and not occurs:
+        if is_title and len(rows) >= LINES_BELOW_A_TITLE and not occurs:
             continue
         raise Misfit(1, miscounted(f"{layout.where}: line {start + 1}", ["?"] * len(layout.columns), len(names), separator, place + 1))
 
@@ -131,6 +131,11 @@ def check_groups(layout: Layout, rows: Rows) -> None:
     """
     if layout.separator not in (",", " ") or not rows:
         return
+    if layout.separator == "," and all(_is_grouped_line(cells) for _, cells in rows):
+        line, cells = rows[0]
+        both = f"{cells[0]} and {cells[1]}"
+        message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands."
+        raise Misfit(DEFINITE, AmbiguousTable(message))
     if layout.separator == "," and layout.head_line and not any(is_no_name(column.raw) for column in layout.columns):
         return
     rule = all if layout.head_line else any
@@ -140,6 +145,17 @@ def check_groups(layout: Layout, rows: Rows) -> None:
             both = " and ".join(cells[place : place + 2])
             message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands, and name the columns."
             raise Misfit(DEFINITE, AmbiguousTable(message))
+
+
+def _is_grouped_line(cells: Sequence[str]) -> bool:
+    """Whether all cells of a line, two by two, may be groups of digits of one number, and a zero begins one of the second groups."""
+    firsts, seconds = cells[::2], cells[1::2]
+    return (
+        len(firsts) == len(seconds)
+        and all(map(_FIRST_GROUP.fullmatch, firsts))
+        and all(map(_NEXT_GROUP.match, seconds))
+        and any(second.startswith("0") for second in seconds)
+    )
 
 
 def check_description(layout: Layout, rows: Rows) -> None:

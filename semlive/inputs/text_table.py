@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from semlive.errors import BadInput
 from semlive.inputs.text_ambiguity import (
     DEFINITE,
+    LINES_BELOW_A_TITLE,
     Misfit,
     check_above,
     check_bars,
@@ -32,6 +33,7 @@ from semlive.inputs.text_cells import (
     is_blank,
     is_line_of_numbers,
     is_no_line_of_names,
+    is_no_name,
     is_unit,
     key_of,
     lines_of,
@@ -186,7 +188,9 @@ def _readings(
         raise Misfit(len(columns), BadInput(f"{where}: {str(error).replace('{head}', f'line {head_line or start + 1}')}")) from error
     layout = Layout(where, separator, given.decimal, columns, places, head_line, data_from + 1)
     check_counts(layout, rows)
-    if not head_line and given.separator != " ":
+    # A line of units above so few lines may be that of longer names, and the lines incomplete.
+    only_units = len(rows) < LINES_BELOW_A_TITLE and all(is_no_name(column.raw) for column in columns)
+    if (not head_line or only_units) and given.separator != " ":
         check_above(lines, start, layout, rows, given.separator)
     if not _needs_names(select):
         check_description(layout, rows)

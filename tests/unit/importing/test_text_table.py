@@ -170,6 +170,9 @@ def test_a_blank_that_groups_digits_is_no_separator() -> None:
         ('Tensile test 7\nx_1,Force,Ext\n"799,23"\n', 1, "1 cells under 3"),
         ("# Ext,Time\n-2620,265843\n-586,121983\n2676\n", 1, "has 1 cells under 2"),
         ("# Ext / s;x_1 / kN;Strain / %\n0\n", 1, "1 cells under 3"),
+        ("Kraft  u  Remark  Weg\nkN  N    s\n4383  2,215e+03  12:03:44\n", 2, "3 cells under 4"),
+        # Three numbers with commas between thousands are as many cells as six names.
+        ("Load cell,Strain,Ext,Time,v,u\n34,538.58,3,025.80,2,016.53\n", "u", "34 and 538.58 may be one number"),
         # Two commas in a number between blanks are separators.
         ("14,49904,820,67544,4 061,01168\n24,56847,341,347,3 716,0144\n", 2, "may mean"),
         ("4,4 061\n-3,2 116\n", 2, "may mean '4' and '4 061', or '4,4 061'"),
