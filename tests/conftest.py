@@ -81,13 +81,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 WAITING = ("scenario/test_daemon", "scenario/test_demo", "scenario/test_bench", "fault/", "browser/", "contract/links/")
 """Tests that mostly wait for simulated machines in real time; the others compute."""
 LONG = (
-    *("scenario/test_demo_short", "unit/diagnose/test_decide", "browser/test_page_watch", "scenario/diagnose/test_diagnose_unknown"),
-    *("scenario/test_daemon_resume", "scenario/diagnose/test_diagnose_compare", "fault/test_load_frame_campaign"),
-    *("unit/service/test_live_memory", "scenario/test_daemon_stops", "scenario/diagnose/test_diagnose_anew", "scenario/test_daemon_model"),
-    *("unit/diagnose/test_taken_out", "fault/test_daemon_faults", "unit/diagnose/test_resolution", "scenario/test_daemon_out_of_memory"),
-    *("scenario/test_numerical_experiment", "scenario/test_daemon_warm_up", "scenario/test_daemon_operator_stage"),
-    *("scenario/test_daemon_beam_shift", "fault/test_every_map", "fault/test_refused_start", "scenario/test_daemon_warns"),
-    *("scenario/test_daemon_triggered", "browser/test_page_bench"),
+    *("scenario/test_demo_short", "unit/diagnose/test_decide", "scenario/test_daemon_stops", "scenario/diagnose/test_diagnose_unknown"),
+    *("fault/test_daemon_faults", "scenario/diagnose/test_diagnose_compare", "scenario/test_daemon_model", "unit/service/test_live_memory"),
+    *("fault/test_load_frame_campaign", "scenario/diagnose/test_diagnose_anew", "browser/test_page_watch", "unit/diagnose/test_taken_out"),
+    *("scenario/test_daemon_resume", "unit/diagnose/test_resolution", "scenario/test_daemon_warns", "scenario/test_numerical_experiment"),
+    *("scenario/test_daemon_out_of_memory", "scenario/test_daemon_operator_stage", "fault/test_every_map", "fault/test_refused_start"),
+    *("scenario/test_daemon_warm_up", "scenario/test_daemon_triggered", "scenario/test_daemon_beam_shift", "browser/test_page_bench"),
 )
 """Files of about a minute or more, in the order in which they begin: where one of them began last, a process worked alone for minutes."""
 
