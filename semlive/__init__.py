@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # a start that Ctrl-C interrupts in the import of typing would print a traceback
 if TYPE_CHECKING:
     from semlive.api import open_log
 
@@ -16,7 +15,7 @@ __version__ = "0.2.0"
 __all__ = ["__version__", "open_log"]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """`open_log`, imported when it is first asked for: the package itself stays light."""
     if name == "open_log":
         from semlive.api import open_log  # noqa: PLC0415

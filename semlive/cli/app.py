@@ -76,7 +76,7 @@ COMMANDS = (
     CommandEntry(
         "report",
         "semlive.cli.after_run.report:report",
-        "Write a run as one page: figures as in the paper of the method, uncertainty budget, rejected frames, settings, versions.",
+        "Write a run in the form of a paper: instrument, protocol, calibration, results, uncertainty budget, limits, settings, files.",
         PANEL_ANALYSIS,
     ),
     CommandEntry(

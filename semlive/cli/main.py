@@ -5,16 +5,16 @@ from __future__ import annotations
 import os
 import sys
 
-from semlive.service.runtime.jit_cache import configure_jit_cache
-
 _ENDED_BY_CTRL_C = 130
 _STOPPED = 1
 
 
 def main() -> None:
     """Run a command; an error is one line on standard error (exit code 2 for bad input, 1 for a failure during the command)."""
-    configure_jit_cache(os.environ)
     try:
+        from semlive.service.runtime.jit_cache import configure_jit_cache  # noqa: PLC0415
+
+        configure_jit_cache(os.environ)
         from semlive.cli.app import run_app  # noqa: PLC0415
 
         code = run_app()

@@ -82,7 +82,7 @@ def test_a_notebook_shows_tables(log: OpenLog) -> None:
     assert log.pixel_size_um is None or f"{log.pixel_size_um:.4g} µm" in shown
 
 
-@pytest.mark.parametrize(("kind", "axes"), [("drift", 1), ("distortion", 4), ("stress_strain", 1), ("fields", 12)])
+@pytest.mark.parametrize(("kind", "axes"), [("drift", 1), ("distortion", 3), ("stress_strain", 1), ("fields", 12)])
 def test_standard_figures_are_drawn(log: OpenLog, kind: FigureKind, axes: int) -> None:
     assert len(log.plot(kind).axes) == axes
 
