@@ -305,7 +305,7 @@ def info(export: int) -> FrameInfo:
 
 @contextmanager
 def staged_run(folder: Path) -> Iterator[StagedRun]:
-    """A run that has not begun, its control socket and its page, in a folder."""
+    """A run before its start, its control socket and its page, in a folder."""
     heard: list[tuple[OperatorCommand | str, str]] = []
     opened: queue.Queue[tuple[SocketAddress, Any]] = queue.Queue()
     listening = threading.Thread(target=lambda: asyncio.run(listen(heard, opened.put)))
@@ -314,7 +314,7 @@ def staged_run(folder: Path) -> Iterator[StagedRun]:
     recorder = Recorder(segment_path(folder, "run", 0), SystemClock(), lambda _: None)
     process = page_of(folder, "--control", str(control.port), "--token-sha256", token_digest(control.token))
     assert process.stdout is not None
-    # As if the run had begun when its first four steps would end now.
+    # The start of the run is set so that its first four steps end now.
     start_ns = time.time_ns() - round(1e9 * (4.0 * STEP_S + 40.0))
     try:
         yield StagedRun(int(process.stdout.readline()), control, recorder, start_ns, heard)
