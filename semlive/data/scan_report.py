@@ -19,7 +19,7 @@ class ScanReading:
         field_width_m: width of the scanned field on the specimen.
         width_px: columns of an image.
         height_px: rows of an image.
-        others: further settings by name, as text: scan mode, rotation, detector.
+        others: further settings as text, sorted by name: scan mode, rotation, detector.
     """
 
     time_ns: int
@@ -29,6 +29,10 @@ class ScanReading:
     width_px: int
     height_px: int
     others: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Sort the further settings: the log keeps names and values, not their order."""
+        object.__setattr__(self, "others", tuple(sorted(self.others)))
 
     @property
     def pixel_size_m(self) -> float:

@@ -17,7 +17,7 @@ from semlive.dic.grid import grid_for
 from semlive.dic.initial_guess.fields import nearest_block_field, residual_affine_field, smooth_field
 from semlive.dic.initial_guess.search import match
 from semlive.dic.method_choice import choose_map, measure_globally
-from semlive.dic.neighbour_scatter import WhiteNoisePair, widened
+from semlive.dic.neighbour_scatter import widened
 from semlive.dic.outlier_rejection import PointMeasurements, rejection_status
 from semlive.dic.reference import Reference, prepare, texture_length
 from semlive.dic.reseed import MIN_DISCREPANCY_PX, neighbour_seeds, seed_distance
@@ -97,28 +97,8 @@ def correlate(
         settings,
         lambda: to_map(second=second()),
         by_global_method,
-        lambda: widened(disparity, second(), white_noise_pair(reference, measurements, settings), settings),
+        lambda: widened(disparity, second(), settings),
     )
-
-
-def white_noise_pair(reference: Reference, measured: PointMeasurements, settings: DicSettings) -> WhiteNoisePair:
-    """The reference correlated with itself plus white noise that causes the median residual of a map.
-
-    Args:
-        reference: from `prepare`.
-        measured: measurements of the map.
-        settings: of the correlation.
-    """
-    f = np.ascontiguousarray(reference.sums.planes[:, 0, : reference.shape[1]])
-    sd = np.sqrt(2.0 * np.median(measured.residual[measured.valid]))  # the reference contains the noise of both frames
-    g = np.asarray(f + sd * np.random.default_rng(1).standard_normal(f.shape), dtype=np.float32)
-    interpolator, solutions = images.interpolator(g, ORDER[settings.interpolation]), _unsolved(reference)
-    _attempt(reference, interpolator, settings, solutions, measured.valid, SEEDED, solutions.parameters.copy())
-    refine_fourth_order(reference, interpolator, solutions, settings)
-    disparity = to_disparity_map(
-        point_measurements(reference, solutions, settings), reference.grid, settings, reference_frame=0, current_frame=1
-    )
-    return WhiteNoisePair(disparity, second_estimates(reference, g, solutions, settings))
 
 
 def point_measurements(reference: Reference, solutions: interface.Solutions, settings: DicSettings) -> PointMeasurements:

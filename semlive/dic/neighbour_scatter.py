@@ -11,7 +11,8 @@ the difference of two band-passed copies (`second_estimate`) shows it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import replace
 from functools import lru_cache
 
 import cv2
@@ -27,26 +28,20 @@ from semlive.kernels.order_statistics import median_of
 Array = NDArray[np.float64]
 
 DIFFERENCE = (1.0, -4.0, 6.0, -4.0, 1.0)
-LAG = 1.0 / 3.0  # of a subset between the points of a difference; at shorter lags the edges of subsets dominate
+# Of a subset between the points of a difference; at shorter distances the edges of subsets dominate. The smaller scatter
+# counts, so both must exceed the limit: a wave of one period (the spline's own bias under strain) is amplified at one distance only, noise that
+# a filter has correlated scatters more at the short one, and a displacement that is not smooth over four subsets at the long one.
+DISTANCES = (1.0 / 3.0, 1.0)
 MIN_DIFFERENCES = 100  # fewer do not determine the scatter
+SPREAD = 1.6  # standard deviation of the relative variance for one independent difference, from moving means of white noise
+SIGMAS = 3.0  # of this spread by which the scatter exceeds the limit
 NORMAL_MEDIAN = 0.4549364  # median of the square of a standard normal variable
-MAX_RATIO = 1.3  # of the scatter to that of white noise; 1.04 to 1.29 in rendered textures with white noise alone, but 1.6 for height maps
+MAX_RATIO = 1.1  # of the scatter to that of white noise
+MAX_RATIO_SHORT = 1.7  # the same where lost points or a small map leave the short distance alone
 MIN_EXCESS_PX = 0.01  # smaller scatter is that of a scan generator in good order: 0.03 px of jitter of single rows cause 0.007 px
+WHITE_SHARE = 0.5  # mean squared difference of the bands with white noise, relative to the variance: 0.2 to 0.7 in rendered textures
 BAND_FACTOR = 2.5  # variance of the error relative to the mean squared difference of the bands, in rendered scenes with charging
 DEGREES = {"affine": 1, "quadratic": 2, "quartic": 4}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WhiteNoisePair:
-    """What the texture itself contributes: the reference correlated with itself plus white noise of the variance of the residual.
-
-    Attributes:
-        disparity: map of the pair.
-        second: its estimates in two bands.
-    """
-
-    disparity: DisparityMap
-    second: SecondEstimates
 
 
 def scatters(disparity: DisparityMap, settings: DicSettings) -> bool:
@@ -59,9 +54,10 @@ def scatters(disparity: DisparityMap, settings: DicSettings) -> bool:
     if not disparity.valid.any():
         return False
     for values, sigma in ((disparity.u_px, disparity.sigma_u_px), (disparity.v_px, disparity.sigma_v_px)):
-        ratio = scatter_ratio(values, sigma, disparity.valid, disparity.grid, DEGREES[settings.shape_function])
-        if ratio > MAX_RATIO and ratio**2 - 1.0 > (MIN_EXCESS_PX / float(median_of(sigma[disparity.valid]))) ** 2:
-            return True
+        for axis in range(2):
+            relative, limit = _scatter(values, sigma, disparity.valid, disparity.grid, DEGREES[settings.shape_function], axis)
+            if relative > limit and relative - 1.0 > (MIN_EXCESS_PX / float(median_of(sigma[disparity.valid]))) ** 2:
+                return True
     return False
 
 
@@ -78,20 +74,28 @@ def scatter_ratio(values: Array, sigma: Array, valid: NDArray[np.bool_], grid: G
     Returns:
         The ratio; 0 if there are too few points.
     """
-    lag = max(1, round(LAG * grid.subset_px / grid.step_px))
-    expected = _variance_of_difference(grid.subset_px, lag * grid.step_px, degree)
-    largest, span = 0.0, (len(DIFFERENCE) - 1) * lag
-    for axis in range(2):
-        count = values.shape[axis] - span
-        if count < 1:
-            continue
-        at = [(slice(None),) * axis + (slice(k * lag, k * lag + count),) for k in range(len(DIFFERENCE))]
+    return max(_scatter(values, sigma, valid, grid, degree, axis)[0] for axis in range(2)) ** 0.5
+
+
+def _scatter(values: Array, sigma: Array, valid: NDArray[np.bool_], grid: Grid, degree: int, axis: int) -> tuple[float, float]:
+    """Variance of differences along an axis relative to white noise, the smaller of both distances, and its limit; 0 if unknown."""
+    found: list[tuple[float, float]] = []
+    for lag in sorted({math.ceil(distance * grid.subset_px / grid.step_px) for distance in DISTANCES}):
+        count = values.shape[axis] - (len(DIFFERENCE) - 1) * lag
+        at = [(slice(None),) * axis + (slice(k * lag, k * lag + max(count, 0)),) for k in range(len(DIFFERENCE))]
         usable = np.logical_and.reduce([valid[part] for part in at])
+        if (points := np.count_nonzero(usable)) < MIN_DIFFERENCES:
+            max_ratio = MAX_RATIO_SHORT
+            break
         difference = np.asarray(sum(weight * values[part] for weight, part in zip(DIFFERENCE, at, strict=True)))
-        if np.count_nonzero(usable) >= MIN_DIFFERENCES:
-            square = (difference[usable] / sigma[at[2]][usable]) ** 2
-            largest = max(largest, float(median_of(square)) / (NORMAL_MEDIAN * expected))
-    return largest**0.5
+        square = (difference[usable] / sigma[at[2]][usable]) ** 2
+        expected = NORMAL_MEDIAN * _variance_of_difference(grid.subset_px, lag * grid.step_px, degree)
+        independent = points * min(1.0, grid.step_px**2 / (grid.subset_px * min(lag * grid.step_px, grid.subset_px)))
+        found.append((float(median_of(square)) / expected, SIGMAS * SPREAD / independent**0.5))
+    else:
+        max_ratio = MAX_RATIO
+    relative, sampling = min(found, default=(0.0, 0.0))
+    return relative, max_ratio**2 + sampling
 
 
 @lru_cache
@@ -110,29 +114,22 @@ def _variance_of_difference(subset_px: int, lag_px: int, degree: int) -> float:
     return float(weights @ (covariance[distance] / covariance[0]) @ weights)
 
 
-def widened(disparity: DisparityMap, second: SecondEstimates, white: WhiteNoisePair | None, settings: DicSettings) -> DisparityMap:
+def widened(disparity: DisparityMap, second: SecondEstimates, settings: DicSettings) -> DisparityMap:
     """The map with standard uncertainties that cover its scatter and the difference of the two bands.
 
     Args:
         disparity: map of subsets.
         second: its estimates in two bands.
-        white: the reference with white noise; None: a uniform texture is assumed.
         settings: of the correlation.
     """
-    grid, valid, degree = disparity.grid, disparity.valid, DEGREES[settings.shape_function]
+    grid, valid = disparity.grid, disparity.valid
     found = valid & np.all(second.found, axis=0)
     out: list[Array] = []
-    for k, name in enumerate(("u", "v")):
-        values, sigma = getattr(disparity, f"{name}_px"), getattr(disparity, f"sigma_{name}_px")
-        ratio, share = scatter_ratio(values, sigma, valid, grid, degree), 1.0
-        if white is not None and (usable := white.disparity.valid & np.all(white.second.found, axis=0)).any():
-            own = getattr(white.disparity, f"sigma_{name}_px")
-            ratio /= max(scatter_ratio(getattr(white.disparity, f"{name}_px"), own, white.disparity.valid, grid, degree), 1.0)
-            squares = np.mean(white.second.difference_px[..., k] ** 2, axis=0)
-            share = float(np.mean(squares[usable] / own[usable] ** 2))
+    for k, (values, sigma) in enumerate(((disparity.u_px, disparity.sigma_u_px), (disparity.v_px, disparity.sigma_v_px))):
+        ratio = scatter_ratio(values, sigma, valid, grid, DEGREES[settings.shape_function])
         square = _mean_around(np.mean(second.difference_px[..., k] ** 2, axis=0), found, grid)
         variance = sigma**2
-        of_bands = variance + BAND_FACTOR * np.maximum(square - share * variance, 0.0)
+        of_bands = variance + BAND_FACTOR * np.maximum(square - WHITE_SHARE * variance, 0.0)
         out.append(np.where(valid, np.sqrt(np.maximum(variance * max(ratio, 1.0) ** 2, of_bands)), 0.0))
     return replace(disparity, sigma_u_px=out[0], sigma_v_px=out[1])
 

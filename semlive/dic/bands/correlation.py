@@ -107,7 +107,7 @@ def correlate_tiled(
         settings,
         lambda: to_map(measured, second=second()),
         lambda: by_field(measured.status),
-        lambda: widened(disparity, second(), None, settings),
+        lambda: widened(disparity, second(), settings),
     )
 
 
