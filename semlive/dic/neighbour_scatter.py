@@ -28,9 +28,9 @@ from semlive.kernels.order_statistics import median_of
 Array = NDArray[np.float64]
 
 DIFFERENCE = (1.0, -4.0, 6.0, -4.0, 1.0)
-# Of a subset between the points of a difference; at shorter distances the edges of subsets dominate. The smaller scatter counts, so both must
-# exceed the limit: a wave of one period (the spline's own bias under strain) is amplified at one distance only, noise that a filter has
-# correlated scatters more at the short one, and a displacement that is not smooth over four subsets at the long one.
+# Of a subset between the points of a difference; at shorter distances the edges of subsets dominate. The smaller scatter counts, so both
+# must exceed the limit: a wave of one period (the spline's own bias under strain) is amplified at one distance only, noise that a filter
+# has correlated scatters more at the short one, and a displacement that is not smooth over four subsets at the long one.
 DISTANCES = (1.0 / 3.0, 1.0)
 MIN_DIFFERENCES = 100  # fewer do not determine the scatter
 SPREAD = 1.6  # standard deviation of the relative variance for one independent difference, from moving means of white noise

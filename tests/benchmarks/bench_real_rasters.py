@@ -114,10 +114,12 @@ def third_measure(first: Image, second: Image, x: float, y: float, u: float, v: 
         return None
     block = np.ascontiguousarray(first[top : top + THIRD_BLOCK_PX, x0 : x0 + THIRD_BLOCK_PX])
     start = np.array([[1.0, 0.0, x0 + u], [0.0, 1.0, top + v]], dtype=np.float32)
-    everywhere = np.full(block.shape, 255, dtype=np.uint8)
+    everywhere = np.full(second.shape, 255, dtype=np.uint8)
     try:
         _, motion = cv2.findTransformECC(block, second, start, cv2.MOTION_AFFINE, THIRD_CRITERIA, everywhere, 1)
-    except cv2.error:  # it does not converge
+    except cv2.error as error:
+        if error.code != cv2.Error.StsNoConv:
+            raise
         return None
     to_x, to_y = motion @ np.array([x - x0, y - top, 1.0])
     return (to_x - x, to_y - y) if np.hypot(to_x - x - u, to_y - y - v) < THIRD_REACH_PX else None
