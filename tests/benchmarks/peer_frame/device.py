@@ -70,6 +70,8 @@ class Device:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
             udp.settimeout(0.2)
             udp.connect(("127.0.0.1", self.port))
+            if udp.getsockname()[1] == self.port:  # this socket got the port before the device did, and would read its own question
+                return None
             try:
                 udp.send(b"?")
                 words = udp.recv(500).split()
