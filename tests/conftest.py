@@ -18,6 +18,8 @@ from semlive.cli.shared import progress_bar
 from semlive.service.runtime.blas import limit_blas_threads
 from semlive_drivers.endpoint_lock import _LOCKS
 
+from .waiting import wait_until
+
 # How long an example takes of wall time shows how busy the computer is; where it matters a test counts its own processor time.
 settings.register_profile("semlive", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("semlive")
@@ -53,6 +55,11 @@ def semlive(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         return code, *capsys.readouterr()
 
     return call
+
+
+@pytest.fixture(scope="session", name="wait_until")
+def _wait_until() -> Callable[..., float]:
+    return wait_until
 
 
 COMPILE = (

@@ -7,8 +7,7 @@ import dataclasses
 import os
 import select
 import statistics
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,6 +20,8 @@ from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThr
 from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import BadScenario, load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
+
+from ..waiting import wait_until
 
 RATE = 100.0
 COARSE = "extends: paper_x200\nscan: {width_px: 64, height_px: 55, frame_time_s: 6.0}\nload_frame: {cell_resolution_n: 2.5}\n"
@@ -70,17 +71,10 @@ def force_in_registers(client: Client) -> float:
     return read_f32(list(client.read_input_registers(4, count=2, device_id=UNIT).registers))
 
 
-def until(true: Callable[[], bool], timeout_s: float = 100.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def test_every_line_reports_multiples_of_the_load_cell_resolution(tmp_path: Path, line: str) -> None:
     with served(tmp_path) as (tcp, serial, handle, machine):
         tcp.write_registers(0, [*f32(1201.0), *f32(100.0), 1, 1, 0, 0], device_id=UNIT)
-        until(lambda: tcp.read_input_registers(3, count=1, device_id=UNIT).registers == [0])
+        wait_until(lambda: tcp.read_input_registers(3, count=1, device_id=UNIT).registers == [0])
         ask = {
             "tcp": lambda: force_in_registers(tcp),
             "rtu": lambda: force_in_registers(serial),
@@ -89,7 +83,7 @@ def test_every_line_reports_multiples_of_the_load_cell_resolution(tmp_path: Path
         printed = [ask[line]() for _ in range(15)]
         true_n = machine.window(1e9, 1e9).force_mean_n
         first = printed[-1]
-        until(lambda: ask[line]() != first)  # noise of 1 N leads from one step to the next
+        wait_until(lambda: ask[line]() != first)  # noise of 1 N leads from one step to the next
     assert {force_n % 2.5 for force_n in printed} == {0.0}
     assert statistics.fmean(printed) == pytest.approx(true_n, abs=4 * (1.0 + 2.5**2 / 12) ** 0.5 / 15**0.5 + 3.0)  # 3 N relax meanwhile
 
@@ -124,7 +118,7 @@ def test_a_crosshead_is_driven_over_registers(tmp_path: Path, wired: str) -> Non
         block = [*f32(0.15), *f32(0.01), 1, 42]
         assert not client.write_registers(300, block, device_id=UNIT).isError()
         assert client.read_holding_registers(300, count=6, device_id=UNIT).registers == block
-        until(lambda: inputs(3, 1) == [0])
+        wait_until(lambda: inputs(3, 1) == [0])
         assert read_f32(inputs(6, 2)) == pytest.approx(0.15, abs=1e-3)
         assert force_in_registers(client) == pytest.approx(0.15 / (1 / specimen_stiffness_n_mm() + 1 / 8000), rel=0.02)
         client.write_registers(300, [*f32(-1.0), *f32(0.001), 1, 43], device_id=UNIT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,8 @@ from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.simulate import main
 from semlive_simulators.specimen.machine import LoadTrain
+
+from ..waiting import wait_until
 
 RATE = 100.0
 ORDERS = {mishap: 101 + place for place, mishap in enumerate(MachineFault)}
@@ -46,15 +48,9 @@ class Served:
         block = [*f32(force_n), *f32(rate_n_s), 1, 1, 0, 0]
         assert not self.client.write_registers(0, block, device_id=UNIT).isError()
 
-    def until(self, true: Callable[[], bool], timeout_s: float = 100.0) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not true():
-            assert time.monotonic() < deadline
-            time.sleep(0.005)
-
     def load(self, force_n: float) -> None:
         self.go(force_n)
-        self.until(lambda: self.inputs(3, 1) == [0])
+        wait_until(lambda: self.inputs(3, 1) == [0])
 
 
 @pytest.fixture
@@ -87,10 +83,10 @@ def test_the_numbers_are_those_of_the_page() -> None:
 def test_a_pressed_emergency_stop_is_released_by_time_or_by_command(bench: Served) -> None:
     bench.go(2000.0)
     bench.order(MachineFault.EMERGENCY_STOP, hundredths=60_000)
-    bench.until(lambda: bench.inputs(300, 1) == [4])
+    wait_until(lambda: bench.inputs(300, 1) == [4])
     assert bench.inputs(3, 1) == [2]
     bench.client.write_register(4, 2, device_id=UNIT)
-    bench.until(lambda: bench.inputs(300, 1) == [4])  # still pressed: a stop does not help
+    wait_until(lambda: bench.inputs(300, 1) == [4])  # still pressed: a stop does not help
     assert bench.client.write_registers(0, [*f32(100.0), *f32(10.0), 1, 2, 0, 0], device_id=UNIT).exception_code == 4
     bench.client.write_registers(900, [0, 0, 0, 0], device_id=UNIT)
     bench.client.write_register(4, 2, device_id=UNIT)
@@ -99,9 +95,9 @@ def test_a_pressed_emergency_stop_is_released_by_time_or_by_command(bench: Serve
 
 def test_a_limit_switch_trips(bench: Served) -> None:
     bench.go(2000.0)
-    bench.until(lambda: bench.value(4) > 100.0)
+    wait_until(lambda: bench.value(4) > 100.0)
     bench.order(MachineFault.LIMIT_SWITCH)
-    bench.until(lambda: bench.inputs(300, 1) == [3])
+    wait_until(lambda: bench.inputs(300, 1) == [3])
     bench.go(0.0, rate_n_s=1.0)  # a second at least, in which it is seen moving
     assert bench.inputs(3, 1) == [1]
 
@@ -112,24 +108,24 @@ def test_the_grips_slip_by_as_much_as_ordered(bench: Served) -> None:
     before_n = bench.value(4)
     bench.order(MachineFault.GRIP_SLIP, count=40)
     stiffness_n_mm = 1 / (1 / load_scenario("paper_x200").specimen.stiffness_n_mm + 1 / 8000)
-    bench.until(lambda: bench.value(4) < before_n - 100.0)
+    wait_until(lambda: bench.value(4) < before_n - 100.0)
     assert before_n - bench.value(4) == pytest.approx(0.04 * stiffness_n_mm, abs=12)
 
 
 def test_a_broken_specimen_lets_load_control_run_to_the_switch(bench: Served) -> None:
     bench.load(1000.0)
     bench.order(MachineFault.FRACTURE)
-    bench.until(lambda: abs(bench.value(4)) < 10.0)
+    wait_until(lambda: abs(bench.value(4)) < 10.0)
     bench.go(1000.0)
-    bench.until(lambda: bench.inputs(300, 1) == [3])
+    wait_until(lambda: bench.inputs(300, 1) == [3])
     assert bench.value(6) == pytest.approx(0.6, abs=2e-3)
 
 
 def test_a_stalled_stage_is_a_fault_until_its_next_order(bench: Served) -> None:
     bench.client.write_registers(100, [*f32(1900.0), *f32(0.0), 1, 3], device_id=UNIT)
-    bench.until(lambda: bench.value(101) > 20.0)
+    wait_until(lambda: bench.value(101) > 20.0)
     bench.order(MachineFault.STAGE_STALL)
-    bench.until(lambda: bench.inputs(100, 1) == [2])
+    wait_until(lambda: bench.inputs(100, 1) == [2])
     stuck_um = bench.value(101)
     assert stuck_um < 1800.0
     time.sleep(0.05)
@@ -141,11 +137,11 @@ def test_a_stalled_stage_is_a_fault_until_its_next_order(bench: Served) -> None:
 
 def test_frozen_readings_and_their_counter_do_not_change_while_the_machine_moves(bench: Served) -> None:
     bench.order(MachineFault.FROZEN_READINGS, hundredths=60_000)
-    bench.until(lambda: bench.inputs(10, 2) == bench.inputs(10, 2))
+    wait_until(lambda: bench.inputs(10, 2) == bench.inputs(10, 2))
     first, gage = bench.inputs(4, 8), bench.inputs(301, 4)
     stage_count = bench.inputs(105, 2)
     bench.go(1000.0)
-    bench.until(lambda: bench.inputs(3, 1) == [0])
+    wait_until(lambda: bench.inputs(3, 1) == [0])
     again = bench.inputs(4, 8)
     assert again[:4] + again[6:] == first[:4] + first[6:]  # the target is the machine's own
     assert bench.inputs(301, 4) == gage
@@ -157,7 +153,7 @@ def test_frozen_readings_and_their_counter_do_not_change_while_the_machine_moves
 
 def test_a_gage_with_a_broken_wire_reports_nothing(bench: Served) -> None:
     bench.order(MachineFault.GAGE_OFF, hundredths=60_000)
-    bench.until(lambda: bench.value(301) != bench.value(301))
+    wait_until(lambda: bench.value(301) != bench.value(301))
     assert abs(bench.value(4)) < 10.0
     bench.client.write_registers(900, [0, 0, 0, 0], device_id=UNIT)
     assert abs(bench.value(301)) < 15e-6

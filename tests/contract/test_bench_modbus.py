@@ -6,7 +6,7 @@ import dataclasses
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,8 @@ from semlive_simulators.load_frame.server import BenchRegisters, ModbusThread
 from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
+
+from ..waiting import wait_until
 
 RATE = 100.0
 DATATYPE = ModbusTcpClient.DATATYPE
@@ -40,12 +42,6 @@ class Served:
 
     def force_n(self) -> float:
         return read_f32(self.inputs(4, 2))
-
-    def until(self, true: Callable[[], bool], timeout_s: float = 100.0) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not true():
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
 
 
 @pytest.fixture(params=["continuous", "triggered"])
@@ -89,7 +85,7 @@ def test_the_complete_protocol_with_the_load_frame(bench: Served) -> None:
     assert bench.client.read_holding_registers(0, count=8, device_id=1).registers == block
     assert bench.inputs(3, 1) == [1]
     assert read_f32(bench.inputs(8, 2)) == 200.0
-    bench.until(lambda: bench.inputs(3, 1) == [0])
+    wait_until(lambda: bench.inputs(3, 1) == [0])
     assert abs(bench.force_n() - 200.0) < 8
     extension_mm = read_f32(bench.inputs(6, 2))
     assert 0.03 < extension_mm < 0.05
@@ -101,7 +97,7 @@ def test_the_complete_protocol_with_the_load_frame(bench: Served) -> None:
 @pytest.mark.parametrize("mode", ["continuous"], indirect=True)
 def test_stop_acts_at_once_and_holds(bench: Served) -> None:
     bench.client.write_registers(0, [*f32(4000.0), *f32(10.0), 1, 1, 0, 0], device_id=1)
-    bench.until(lambda: bench.force_n() > 50)
+    wait_until(lambda: bench.force_n() > 50)
     bench.client.write_register(4, 2, device_id=1)
     assert bench.inputs(3, 1) == [0]
     held_n = bench.force_n()
@@ -136,7 +132,7 @@ def test_the_stage_moves_close_to_its_commanded_position(bench: Served) -> None:
     bench.client.write_registers(100, [*f32(1900.0), *f32(-10.0), 1, 2], device_id=1)
     assert bench.inputs(100, 1) == [1]  # for a second
     bench.client.write_registers(100, [*f32(40.0), *f32(-10.0), 1, 3], device_id=1)
-    bench.until(lambda: bench.inputs(100, 1) == [0])
+    wait_until(lambda: bench.inputs(100, 1) == [0])
     answer = bench.inputs(100, 7)
     assert read_f32(answer[1:3]) == pytest.approx(40.0, abs=2)
     assert read_f32(answer[3:5]) == pytest.approx(-10.0, abs=2)
@@ -146,7 +142,7 @@ def test_the_stage_moves_close_to_its_commanded_position(bench: Served) -> None:
 def test_the_beam_is_shifted_next_to_the_stage_with_errors_of_its_own(bench: Served) -> None:
     assert bench.inputs(400, 1) == [0]
     bench.client.write_registers(400, [*f32(20.0), *f32(-10.0), 1, 3], device_id=1)
-    bench.until(lambda: bench.inputs(400, 1) == [0] and abs(read_f32(bench.inputs(401, 2)) - 20.0) < 0.1)
+    wait_until(lambda: bench.inputs(400, 1) == [0] and abs(read_f32(bench.inputs(401, 2)) - 20.0) < 0.1)
     assert bench.inputs(100, 1) == [0]
     assert abs(read_f32(bench.inputs(101, 2))) < 0.5  # the stage has not moved
     assert read_f32(bench.inputs(403, 2)) == pytest.approx(-10.0, abs=0.1)
@@ -162,7 +158,7 @@ def test_a_strain_gage_reports_the_strain_and_a_fault_its_reason(bench: Served) 
     assert bench.inputs(300, 1) == [0]
     assert abs(read_f32(bench.inputs(301, 2))) < 15e-6
     bench.client.write_registers(0, [*f32(1000.0), *f32(100.0), 1, 1, 0, 0], device_id=1)
-    bench.until(lambda: bench.inputs(3, 1) == [0])
+    wait_until(lambda: bench.inputs(3, 1) == [0])
     printed = read_f32(bench.inputs(301, 2))
     assert printed == pytest.approx(1.005 * 1000.0 / 711_000 + 4e-6, abs=16e-6)
     bench.machine.trip_watchdog()
@@ -212,12 +208,12 @@ def test_a_trigger_scans_one_frame_and_is_refused_meanwhile(bench: Served, tmp_p
     again = bench.client.write_register(200, 1, device_id=1)
     assert again.isError()
     assert again.exception_code == 6
-    bench.until(lambda: bench.inputs(200, 2) == [0, 1])
+    wait_until(lambda: bench.inputs(200, 2) == [0, 1])
     assert [path.name for path in sorted(tmp_path.iterdir())] == ["x200_0001.tif"]
     time.sleep(0.1)  # longer than a frame: nothing scans by itself
     assert bench.inputs(200, 2) == [0, 1]
     assert not bench.client.write_register(200, 1, device_id=1).isError()
-    bench.until(lambda: bench.inputs(200, 2) == [0, 2])
+    wait_until(lambda: bench.inputs(200, 2) == [0, 2])
 
 
 def spoken(port: int, *requests: bytes, unit: int = 1) -> list[bytes]:

@@ -8,7 +8,7 @@ import os
 import select
 import struct
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,8 @@ from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThr
 from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
+
+from ..waiting import wait_until
 
 RATE = 50.0
 PAPER = load_scenario("paper_x200")
@@ -56,13 +58,6 @@ def lines(tmp_path: Path) -> Iterator[Lines]:
     server.stop()
 
 
-def until(true: Callable[[], bool], timeout_s: float = 100.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 @contextlib.contextmanager
 def opened(path: str) -> Iterator[int]:
     handle = os.open(path, os.O_RDWR | os.O_NOCTTY)
@@ -89,7 +84,7 @@ def test_pymodbus_reads_and_drives_over_rtu(lines: Lines) -> None:
     assert answer.registers[:4] == [0x5E31, 1, 3, 0]
     assert not client.write_registers(0, [*f32(150.0), *f32(100.0), 1, 7, 0, 0], device_id=UNIT).isError()
     assert client.read_holding_registers(5, count=1, device_id=UNIT).registers == [7]
-    until(lambda: client.read_input_registers(3, count=1, device_id=UNIT).registers == [0])
+    wait_until(lambda: client.read_input_registers(3, count=1, device_id=UNIT).registers == [0])
     assert read_f32(client.read_input_registers(4, count=2, device_id=UNIT).registers) == pytest.approx(150.0, abs=8)
     assert client.read_input_registers(16, count=1, device_id=UNIT).exception_code == 2
     client.close()
@@ -148,7 +143,7 @@ def test_a_stand_that_obeys_letters(lines: Lines) -> None:
         assert reply(line, b"e0000.2a") == b"0.5 mm/min\r\n"  # the slowest: a faster one is at its force limit before a busy computer looks
         assert reply(line, b"u", 0.02) == b""
         assert reply(line, b"p") == b"U M\r\n"
-        until(lambda: float(reply(line, b"n").split()[2]) > 300.0)
+        wait_until(lambda: float(reply(line, b"n").split()[2]) > 300.0)
         assert reply(line, b"s", 0.02) == b""
         assert reply(line, b"p") == b"S M\r\n"
         held = [float(word) for word in reply(line, b"n").split()[::2]]
@@ -171,7 +166,7 @@ def test_a_travel_limit_stops_it_and_lets_it_go_back(lines: Lines) -> None:
             lines.stand.watch_limits()
             return b"S" in reply(line, b"p")
 
-        until(stopped)
+        wait_until(stopped)
         assert reply(line, b"p") == b"S L UL\r\n"
         reply(line, b"u", 0.02)
         assert reply(line, b"p") == b"S L UL\r\n"

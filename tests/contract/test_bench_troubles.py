@@ -24,6 +24,8 @@ from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
+from ..waiting import wait_until
+
 Client = ModbusTcpClient | ModbusSerialClient
 PAPER = load_scenario("paper_x200")
 TIMEOUT_S = 1.0
@@ -96,13 +98,6 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Troubled]:
 def no_faults(bench: Troubled) -> Iterator[None]:
     yield
     assert not bench.control.write_registers(900, [0, 0, 0, 0], device_id=UNIT).isError()
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 100
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def requested(client: Client, address: int, count: int) -> list[int] | None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,10 +15,7 @@ from typing import Any
 import pytest
 import yaml
 
-from semlive.service.log.files import messages
-
-sys.path.insert(0, str(Path(__file__).parent / "campaign"))
-from states import StatesOf
+from ..waiting import GrowingLog, logged, wait_until
 
 ENTRY_POINTS = """
 [semlive.load_frames]
@@ -32,13 +27,6 @@ sick = sick_driver:Sick
 """
 
 
-def wait_until(true: Callable[[], bool], timeout_s: float = 100.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline, "it did not come to that in time"
-        time.sleep(0.02)
-
-
 @dataclass
 class Patient:
     """A daemon whose devices are sick, and what is known of it from outside."""
@@ -47,6 +35,10 @@ class Patient:
     config: dict[str, Any]
     process: subprocess.Popen[str] | None = None
     started: list[subprocess.Popen[str]] = field(default_factory=list)
+    growing: GrowingLog = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.growing = GrowingLog(self.log)
 
     @property
     def log(self) -> Path:
@@ -91,12 +83,11 @@ class Patient:
         return [line.removeprefix(f"{name} ") for line in lines if line.startswith(name) and not line.endswith(" read")]
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
-        found = self.log.is_dir() and any(self.log.iterdir())
-        return [json.loads(item.payload) for item in messages(self.log) if item.topic == topic] if found else []
+        """Messages of a topic; of a daemon that has ended also those after the last complete chunk."""
+        return self.growing.logged(topic) if self.daemon.poll() is None else logged(self.log, topic)
 
     def reach(self, state: str) -> Patient:
-        states = StatesOf(self.log)
-        wait_until(lambda: state in states.so_far() or self.daemon.poll() is not None)
+        wait_until(lambda: state in self.growing.states() or self.daemon.poll() is not None)
         assert self.daemon.poll() is None, self.daemon.communicate()
         return self
 
@@ -171,8 +162,3 @@ def disk_peer(preloaded_peer: Callable[[str], Path]) -> Path:
 def clock_peer(preloaded_peer: Callable[[str], Path]) -> Path:
     """A library that steps the wall clock."""
     return preloaded_peer("sick_clock")
-
-
-@pytest.fixture(scope="session", name="wait_until")
-def _wait_until() -> Callable[..., None]:
-    return wait_until

@@ -74,13 +74,13 @@ def test_nothing_moves_after_a_kill_before_the_operator_resumes(
     frame_peer.switch("wdog 2")
     patient.daemon.send_signal(signal.SIGKILL)
     patient.daemon.communicate()
-    wait_until(lambda: frame_peer.says("OWN-WATCHDOG"), 10.0)
+    wait_until(lambda: frame_peer.says("OWN-WATCHDOG"))
     patient.start("--attended", "--resume", operator=operator).reach("recover")
     time.sleep(4.0)
     assert frame_peer.motions() == 1
     assert patient.logged("/state")[-1]["after"] == "recover"
     os.write(terminal, b"resume\n")
-    wait_until(lambda: frame_peer.motions() == 2, 20.0)
+    wait_until(lambda: frame_peer.motions() == 2)
     patient.daemon.send_signal(signal.SIGINT)
     patient.end()
     os.close(terminal)
@@ -101,7 +101,7 @@ def test_a_frame_that_was_restarted_after_a_kill_is_a_fault_and_yes_does_not_con
     patient.daemon.send_signal(signal.SIGKILL)
     patient.daemon.communicate()
     frame_peer.switch("reboot 0")
-    wait_until(lambda: frame_peer.says("CTL reboot"), 10.0)
+    wait_until(lambda: frame_peer.says("CTL reboot"))
     patient.start("--attended", "--resume", "--yes", operator=operator).reach("fault")
     (fault,) = patient.logged("/fault")
     assert fault["code"] == "device_restarted"
@@ -138,7 +138,7 @@ def test_the_page_of_a_killed_run_and_its_analysis_end_with_it(
         return len(children) == 2 and frame_peer.motions() == 1
 
     try:
-        wait_until(both, 60.0)
+        wait_until(both)
     finally:
         process.kill()
         process.wait()

@@ -208,14 +208,14 @@ def test_the_run_pauses_until_the_operator_resumes(patient: Any, wait_until: Cal
     patient.start(operator=operator).reach("ramping")
     export.rename(tmp_path / "away")
     export.symlink_to(other_day(tmp_path / "other"))
-    wait_until(lambda: any(item["after"] == "paused" for item in patient.logged("/state")), 20.0)
+    wait_until(lambda: any(item["after"] == "paused" for item in patient.logged("/state")))
     [fault] = [item for item in patient.logged("/fault") if item["code"] == "export_folder"]
     assert "another one than before" in fault["what"]
     os.write(terminal, b"resume\n")
-    wait_until(lambda: patient.logged("/state")[-1]["after"] == "ramping", 20.0)
+    wait_until(lambda: patient.logged("/state")[-1]["after"] == "ramping")
     pixels = np.random.default_rng(1).integers(0, 256, (64, 64), dtype=np.uint8)
     tifffile.imwrite(export / "late.tif", pixels)
-    wait_until(lambda: bool(patient.logged("/sem/file")), 20.0)
+    wait_until(lambda: bool(patient.logged("/sem/file")))
     assert {item["name"] for item in patient.logged("/sem/file") if item["name"]} == {"late.tif"}
     patient.daemon.terminate()
     patient.end()

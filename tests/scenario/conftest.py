@@ -20,6 +20,8 @@ from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.tail import LogTail
 
+from ..waiting import wait_until
+
 RATE = 20.0
 SCENARIO = """
 extends: paper_x200
@@ -84,8 +86,8 @@ class Instrument:
                 target_and_rate = struct.unpack(">4H", struct.pack(">ff", 0.0, 100.0))
                 nonce = time.monotonic_ns() // 1_000_000 % 65_536
                 client.write_registers(0, [*target_and_rate, 1, nonce], device_id=unit)
-                wait_until(lambda: abs(force_n()) < 5.0, 30.0)
-                wait_until(lambda: client.read_input_registers(3, count=1, device_id=unit).registers[0] == 0, 30.0)
+                wait_until(lambda: abs(force_n()) < 5.0)
+                wait_until(lambda: client.read_input_registers(3, count=1, device_id=unit).registers[0] == 0)
         finally:
             client.close()
 
@@ -152,19 +154,7 @@ class Watched:
         raise AssertionError("it did not come to that in time")
 
 
-def wait_until(true: Callable[[], bool], timeout_s: float = 150.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline, "it did not come to that in time"
-        time.sleep(0.02)
-
-
 @pytest.fixture(scope="session")
 def watched() -> Callable[[Path], Watched]:
     """Follows the log of a run."""
     return Watched
-
-
-@pytest.fixture(scope="session", name="wait_until")
-def _wait_until() -> Callable[..., None]:
-    return wait_until

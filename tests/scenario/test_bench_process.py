@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,8 @@ from semlive_simulators.microscope.render import render_frame
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.specimen import at_rest
 
+from ..waiting import wait_until
+
 SMALL = """
 extends: paper_x200
 scan: {width_px: 256, height_px: 221, frame_time_s: 6.63}
@@ -33,19 +34,12 @@ export: {databar_rows: 30}
 RATE = "20"
 
 
-def wait_for(true: Callable[[], bool], timeout_s: float = 150.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def start(folder: Path, *options: str, stdin: int | None = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
     scenario = folder / "small.yaml"
     scenario.write_text(SMALL)
     command = [sys.executable, "-m", "semlive_simulators.bench", "--scenario", str(scenario), "--out", str(folder / "out"), "--rate", RATE]
     process = subprocess.Popen([*command, *options], stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    wait_for(lambda: (folder / "out" / "ready.json").exists() or process.poll() is not None)
+    wait_until(lambda: (folder / "out" / "ready.json").exists() or process.poll() is not None)
     return process
 
 
@@ -84,7 +78,7 @@ def test_frames_and_truth_of_a_run_agree(tmp_path: Path) -> None:
     assert client.connect()
     client.write_registers(0, [*f32(600.0), *f32(100.0), 1, 1, 0, 0], device_id=printed["unit"])
     client.write_registers(100, [*f32(25.0), *f32(0.0), 1, 1], device_id=printed["unit"])
-    wait_for(lambda: len(truth(tmp_path)["frames"]) >= 5 and rested(tmp_path) is not None)
+    wait_until(lambda: len(truth(tmp_path)["frames"]) >= 5 and rested(tmp_path) is not None)
     client.close()
     code, out, _ = ended(process, signal.SIGTERM)
     assert (code, out) == (0, "")
@@ -119,7 +113,7 @@ def test_the_truth_alone_reproduces_a_frame(tmp_path: Path) -> None:
     assert client.connect()
     client.write_registers(0, [*f32(1500.0), *f32(100.0), 1, 1, 0, 0], device_id=printed["unit"])
     client.write_registers(100, [*f32(-30.0), *f32(17.0), 1, 1], device_id=printed["unit"])
-    wait_for(lambda: rested(tmp_path) is not None)
+    wait_until(lambda: rested(tmp_path) is not None)
     client.close()
     assert ended(process, signal.SIGTERM)[0] == 0
     whole = truth(tmp_path)
@@ -143,7 +137,7 @@ def test_the_same_seed_scans_the_same_pixels(tmp_path: Path) -> None:
         folder = tmp_path / name
         folder.mkdir()
         process = start(folder, "--seed", seed)
-        wait_for(lambda folder=folder: bool(truth(folder)["frames"]))
+        wait_until(lambda folder=folder: bool(truth(folder)["frames"]))
         assert ended(process, signal.SIGINT)[0] == 0
         pixels = tifffile.imread(folder / "out" / "export" / "x200_0001.tif")[:221]
         hashes[name] = hashlib.sha256(pixels.tobytes()).hexdigest()
@@ -159,9 +153,9 @@ def test_serial_lines_are_announced_and_belong_to_the_same_machine(tmp_path: Pat
     assert client.read_input_registers(0, count=2, device_id=printed["unit"]).registers == [0x5E31, 1]
     with open(printed["serial_port"], "r+b", buffering=0) as line:
         line.write(b"u")
-        wait_for(lambda: client.read_input_registers(3, count=1, device_id=printed["unit"]).registers == [1])
+        wait_until(lambda: client.read_input_registers(3, count=1, device_id=printed["unit"]).registers == [1])
         line.write(b"s")
-        wait_for(lambda: client.read_input_registers(3, count=1, device_id=printed["unit"]).registers == [0])
+        wait_until(lambda: client.read_input_registers(3, count=1, device_id=printed["unit"]).registers == [0])
     client.close()
     code, _, err = ended(process, signal.SIGTERM)
     assert (code, err) == (0, "")
@@ -192,7 +186,7 @@ def test_a_file_is_half_written_for_a_moment(tmp_path: Path) -> None:
             sizes.setdefault(path.name, []).append(path.stat().st_size)
         return any(min(sizes[name]) < max(sizes[name]) for name in done)
 
-    wait_for(caught)
+    wait_until(caught)
     assert ended(process, signal.SIGTERM)[0] == 0
     assert all(observed == sorted(observed) for observed in sizes.values())
     for frame in truth(tmp_path)["frames"][:-1]:
@@ -217,7 +211,7 @@ def test_renaming_shows_the_final_name_only_for_a_complete_file(tmp_path: Path) 
                     sizes.setdefault(path.name, set()).add(size)
         return {".tmp", ".tif"} <= observed
 
-    wait_for(complete)
+    wait_until(complete)
     assert ended(process, signal.SIGTERM)[0] == 0
     assert observed == {".tmp", ".tif"}
     assert {name: {(folder / name).stat().st_size} for name in sizes} == sizes
@@ -229,8 +223,8 @@ def test_a_stalled_process_stretches_the_clock_and_reports_so(tmp_path: Path) ->
     process.send_signal(signal.SIGSTOP)
     time.sleep(0.5)  # 10 s of experiment time
     process.send_signal(signal.SIGCONT)
-    wait_for(lambda: decode_clock(clock_file.read_bytes()).revision > 0)
-    wait_for(lambda: len(truth(tmp_path)["frames"]) >= 3)
+    wait_until(lambda: decode_clock(clock_file.read_bytes()).revision > 0)
+    wait_until(lambda: len(truth(tmp_path)["frames"]) >= 3)
     code, _, err = ended(process, signal.SIGTERM)
     assert code == 0
     assert "clock stretched" in err

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from functools import reduce
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,11 +13,9 @@ from pymodbus.client import ModbusTcpClient
 from semlive.service.log.alarms import Alarms, after_message
 from semlive.service.log.files import messages
 
+from ..waiting import logged
+
 EMERGENCY_STOP, LIMIT_SWITCH, FRACTURE = 101, 102, 104
-
-
-def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    return [json.loads(item.payload) for item in messages(log) if item.topic == topic] if list(log.glob("*.mcap*")) else []
 
 
 def order(bench: dict[str, Any], mishap: int) -> None:

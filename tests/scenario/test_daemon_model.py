@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
-from semlive.service.log.files import messages
+from ..waiting import logged
 
 Command = Callable[..., tuple[int, str, str]]
 PAIRS = 6
@@ -38,10 +38,6 @@ def run_refused(*words: object) -> tuple[int, str, str]:
     command = [sys.executable, "-m", "semlive", "run", *map(str, words)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=ENDS_S, check=False)
     return done.returncode, done.stdout, done.stderr
-
-
-def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    return [json.loads(one.payload) for one in messages(log) if one.topic == topic] if list(log.glob("*.mcap*")) else []
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import signal
@@ -13,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from semlive.service.log.files import messages
+from ..waiting import logged
 
 ROOM_BYTES = 2 * 2**20  # of new memory, for control and analysis together
 GROUPS = Path("/sys/fs/cgroup")
@@ -60,12 +59,6 @@ def kernel_peer() -> Iterator[Group]:
         for pid in (made.folder / "cgroup.procs").read_text().split():
             (made.folder.parent / "cgroup.procs").write_text(pid)
         made.folder.rmdir()
-
-
-def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    """Messages of a topic so far; none before the run has its first segment."""
-    started = log.is_dir() and any(log.iterdir())
-    return [json.loads(item.payload) for item in messages(log) if item.topic == topic] if started else []
 
 
 def test_linux_ends_the_analysis_first_and_the_run_loses_nothing(

@@ -28,6 +28,8 @@ from semlive.service.config.configuration import load_config
 from semlive.service.control.resume import read_previous_segments
 from semlive.service.log.files import messages, segments
 
+from ..waiting import logged
+
 PAIRS = 3
 HALF = 1
 ATTEMPTS = 5
@@ -35,10 +37,6 @@ ENDS_S = 600.0
 """Wall seconds within which a run, or a part of it, ends on a busy computer; it decides nothing but when a test that hangs is given up."""
 pytestmark = pytest.mark.timeout(4 * ENDS_S)
 IN_FAULT = 2  # docs/reference/bench-registers.md
-
-
-def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    return [json.loads(one.payload) for one in messages(log) if one.topic == topic] if log.is_file() or list(log.glob("*.mcap*")) else []
 
 
 def kill(process: subprocess.Popen[str]) -> None:

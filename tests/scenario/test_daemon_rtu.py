@@ -16,7 +16,8 @@ import yaml
 
 from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
-from semlive.service.log.files import messages
+
+from ..waiting import logged
 
 RATE = 20.0
 SCENARIO = """
@@ -29,10 +30,6 @@ experiment:
     translation_shifts_px: []
     loads_n: [100]
 """
-
-
-def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    return [json.loads(item.payload) for item in messages(log) if item.topic == topic]
 
 
 class Webhook(BaseHTTPRequestHandler):

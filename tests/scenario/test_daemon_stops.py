@@ -18,15 +18,11 @@ import pytest
 from mcap.reader import make_reader
 
 from semlive.cli.shared.simulator import running_simulator
-from semlive.service.log.files import messages
+
+from ..waiting import logged
 
 STARTS_S = 150.0
 """Wall seconds within which a run gets to the state that is waited for."""
-
-
-def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    """Messages of a log, growing or finished."""
-    return [json.loads(message.payload) for message in messages(log) if message.topic == topic] if log.is_dir() else []
 
 
 def reached(found: dict[str, list[dict[str, Any]]], state: str) -> bool:

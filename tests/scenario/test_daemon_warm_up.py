@@ -7,7 +7,6 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -17,6 +16,8 @@ from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 from semlive.service.replay.replay import ReplayRequest, replay
+
+from ..waiting import logged
 
 RATE = 20.0
 LIMIT_PX_S = 0.015
@@ -58,10 +59,6 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         )
     assert done.returncode == 0, done.stderr
     return root / "log" / "warm"
-
-
-def logged(log: Path, topic: str) -> list[dict[str, Any]]:
-    return [json.loads(item.payload) for item in messages(log) if item.topic == topic]
 
 
 def longest_silence_s(log: Path, from_ns: int, to_ns: int) -> float:

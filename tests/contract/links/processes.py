@@ -85,16 +85,3 @@ def peer(name: str = "register_server.py", port: int = 0) -> Iterator[Peer]:
         process.wait()
         process.stdin.close()
         process.stdout.close()
-
-
-def wait_until(condition: object, within_s: float = 100.0) -> None:
-    """Until a callable returns true.
-
-    Raises:
-        AssertionError: if it does not in time.
-    """
-    assert callable(condition)
-    end_s = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < end_s, "waited in vain"
-        time.sleep(0.005)

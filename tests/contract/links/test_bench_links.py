@@ -21,7 +21,7 @@ from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.stage import open_stage
 from semlive_drivers.modbus.trigger import open_trigger
 
-from .processes import wait_until
+from ...waiting import wait_until
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,8 @@ from semlive.service.device_link import DeviceLink
 from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.stage import open_stage
 
-from .processes import WallClock, peer, wait_until
+from ...waiting import wait_until
+from .processes import WallClock, peer
 
 CLOCK = WallClock()
 DEAD_MAN_S = 0.4

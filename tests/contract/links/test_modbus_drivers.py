@@ -19,7 +19,8 @@ from semlive_drivers.modbus.stage import open_stage
 from semlive_drivers.modbus.tcp.link import ModbusLink
 from semlive_drivers.modbus.trigger import open_trigger
 
-from .processes import Peer, WallClock, peer, wait_until
+from ...waiting import wait_until
+from .processes import Peer, WallClock, peer
 
 CLOCK = WallClock()
 

@@ -28,8 +28,8 @@ from semlive_drivers.modbus.rtu.line import NoReply, RtuLine
 from semlive_drivers.modbus.rtu.link import RtuLink
 from semlive_drivers.serial_port import SerialSettings
 
+from ...waiting import wait_until
 from .emulated import Device, over_rtu
-from .processes import wait_until
 
 TIMEOUT_S = 0.4
 """Long compared with the time that a busy computer takes for an answer that is not late."""

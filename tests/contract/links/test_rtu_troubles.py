@@ -23,7 +23,8 @@ from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
-from .processes import WallClock, wait_until
+from ...waiting import wait_until
+from .processes import WallClock
 
 CLOCK = WallClock()
 

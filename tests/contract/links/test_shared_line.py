@@ -16,8 +16,8 @@ from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.rtu.shared_line import PriorityLock, is_shared
 from semlive_drivers.modbus.settings import ModbusSettings
 
+from ...waiting import wait_until
 from .emulated import Device, over_rtu
-from .processes import wait_until
 
 FRAME, STAGE = 1, 2
 PROBE = Block(Kind.HOLDING, 0, 4)

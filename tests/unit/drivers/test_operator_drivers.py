@@ -18,6 +18,8 @@ from semlive_drivers.operator.console import Console
 from semlive_drivers.operator.load_frame import open_load_frame
 from semlive_drivers.operator.trigger import open_trigger
 
+from ...waiting import wait_until
+
 
 class Clock:
     def now_ns(self) -> int:
@@ -49,24 +51,16 @@ def terminal() -> Iterator[Terminal]:
     made.leaves()
 
 
-def until(true: object) -> None:
-    assert callable(true)
-    end_s = time.monotonic() + 100.0
-    while not true():
-        assert time.monotonic() < end_s
-        time.sleep(0.002)
-
-
 def test_an_answer_source_takes_lines_before_a_prompt(terminal: Terminal) -> None:
     taken: list[str] = []
     terminal.console.add_answer_source(lambda line: line == "stop" and not taken.append(line))
     terminal.types("stop")
-    until(lambda: taken == ["stop"])  # nobody has asked anything yet
+    wait_until(lambda: taken == ["stop"])  # nobody has asked anything yet
     answered: list[str] = []
     terminal.console.ask("done?", lambda line: not answered.append(line))
     terminal.types("stop")
     terminal.types("yes")
-    until(lambda: answered)
+    wait_until(lambda: answered)
     assert (taken, answered) == (["stop", "stop"], ["yes"])
 
 
@@ -84,12 +78,12 @@ def test_a_hand_brings_a_load_and_types_it(terminal: Terminal) -> None:
     assert frame.read().motion is MotionState.MOVING
     terminal.types("ninety")
     terminal.types("90,5")
-    until(lambda: len(terminal.shown) == 3)
+    wait_until(lambda: len(terminal.shown) == 3)
     assert terminal.shown[1] == "ninety is no load; type the load in N as MICROTEST shows it"
     assert terminal.shown[2] == "that is -9.5 N from 100 N; bring it nearer and type it again"
     assert (frame.read().force_n, frame.read().motion) == (90.5, MotionState.MOVING)
     terminal.types("99.2")
-    until(lambda: frame.read().motion is MotionState.STOPPED)
+    wait_until(lambda: frame.read().motion is MotionState.STOPPED)
     sample = frame.read()
     assert (sample.force_n, sample.target_n) == (99.2, 100.0)
     frame.ramp_to(200.0, 2.0)
@@ -186,7 +180,7 @@ def test_a_line_goes_to_the_latest_prompt(terminal: Terminal) -> None:
     terminal.console.ask("second?", lambda line: received.append(f"second {line}") is None)
     for line in ("a", "b", "c"):
         terminal.types(line)
-    until(lambda: len(received) == 2)
+    wait_until(lambda: len(received) == 2)
     assert received == ["second a", "first b"]
 
 
