@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,14 @@ class Patient:
     def reach(self, state: str) -> Patient:
         wait_until(lambda: state in self.growing.states() or self.daemon.poll() is not None)
         assert self.daemon.poll() is None, self.daemon.communicate()
+        return self
+
+    def rest(self, state: str) -> Patient:
+        """Wait for a state, then for a reading of the load frame at rest since: only then can an operator resume."""
+        self.reach(state)
+        since_ns = next(change["time_ns"] for change in reversed(self.logged("/state")) if change["after"] == state)
+        samples = partial(self.logged, "/load_frame/sample")
+        wait_until(lambda: any(item["time_ns"] > since_ns and item["motion"] == "stopped" for item in reversed(samples())))
         return self
 
     def child(self) -> int:

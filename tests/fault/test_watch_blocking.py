@@ -208,7 +208,7 @@ def test_the_run_pauses_until_the_operator_resumes(patient: Any, wait_until: Cal
     patient.start(operator=operator).reach("ramping")
     export.rename(tmp_path / "away")
     export.symlink_to(other_day(tmp_path / "other"))
-    wait_until(lambda: any(item["after"] == "paused" for item in patient.logged("/state")))
+    patient.rest("paused")
     [fault] = [item for item in patient.logged("/fault") if item["code"] == "export_folder"]
     assert "another one than before" in fault["what"]
     os.write(terminal, b"resume\n")
