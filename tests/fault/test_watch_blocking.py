@@ -213,6 +213,8 @@ def test_the_run_pauses_until_the_operator_resumes(patient: Any, wait_until: Cal
     assert "another one than before" in fault["what"]
     os.write(terminal, b"resume\n")
     wait_until(lambda: patient.logged("/state")[-1]["after"] == "ramping")
+    # The files that are in the folder when it is accepted do not belong to the run.
+    wait_until(lambda: "the export folder is back" in patient.logged("/fault")[-1]["what"])
     pixels = np.random.default_rng(1).integers(0, 256, (64, 64), dtype=np.uint8)
     tifffile.imwrite(export / "late.tif", pixels)
     wait_until(lambda: bool(patient.logged("/sem/file")))
