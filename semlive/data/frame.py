@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.grid import Grid
-from semlive.data.scan import ScanTiming, Sourced
-from semlive.data.scan_geometry import ScanGeometry
+from semlive.data.scan import ScanGeometry, ScanTiming, Sourced
 
 
 @dataclass(frozen=True, slots=True)

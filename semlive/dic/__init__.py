@@ -1,6 +1,5 @@
 """Digital image correlation: from two frames to a disparity map."""
 
-from semlive.data.correlation_choice import CorrelationChoice
 from semlive.data.disparity import DisparityMap, PoiStatus, RowShifts
 from semlive.data.frame import PatternQuality
 from semlive.data.grid import Grid
@@ -12,7 +11,7 @@ from semlive.dic.grid import grid_for
 from semlive.dic.hold_drift import hold_drift
 from semlive.dic.image_quality.no_points import NoPointsCause, NoPointsReason, explain_no_points, has_few_points
 from semlive.dic.image_quality.quality import quality
-from semlive.dic.image_quality.recommendation import recommend
+from semlive.dic.image_quality.recommendation import CorrelationChoice, recommend
 from semlive.dic.incremental import advance, begin, compose_maps
 from semlive.dic.integration_blur import IntegrationBlur, blur_of_pair, correlate_with_matched_blur, missing_blur
 from semlive.dic.reference import Reference, prepare

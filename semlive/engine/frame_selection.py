@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.pair import PairDecision
-from semlive.data.scan_geometry import geometry_difference
+from semlive.data.scan import geometry_difference
 from semlive.engine.commands import AcceptPair, RejectFrame, TriggerFrame
 from semlive.engine.context import StepContext
 from semlive.engine.load_history import frame_load

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from functools import cache
 
 import cv2
 import numpy as np
@@ -15,14 +16,17 @@ from semlive.dic.bands import correlation as banded
 from semlive.errors import BadInput
 
 
+@cache
 def speckle(u=0.0, v=0.0):
-    """8 bit image of Gaussian spots, 120 x 100 px, moved by (u, v)."""
+    """8 bit image of Gaussian spots, 120 x 100 px, moved by (u, v); it is drawn once and cannot be written to."""
     rng = np.random.default_rng(4)
     y, x = np.mgrid[0:100, 0:120].astype(float)
     image = np.zeros((100, 120))
     for x0, y0, sign in zip(rng.uniform(-10, 130, 700), rng.uniform(-10, 110, 700), rng.choice([-1.0, 1.0], 700), strict=True):
         image += sign * np.outer(np.exp(-0.125 * (y[:, 0] - y0 - v) ** 2), np.exp(-0.125 * (x[0] - x0 - u) ** 2))
-    return np.clip(np.round(128 + 39 * image / image.std()), 0, 255).astype(np.uint8)
+    grey = np.clip(np.round(128 + 39 * image / image.std()), 0, 255).astype(np.uint8)
+    grey.flags.writeable = False
+    return grey
 
 
 @pytest.fixture

@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from semlive.cli.shared.terminal import cell
-from semlive.data.scan import Provenance, Sourced
-from semlive.data.scan_geometry import ScanGeometry, setting_text
+from semlive.data.scan import Provenance, ScanGeometry, Sourced, setting_text
 from semlive.formats.images.inspection import Inspection
 
 _QUANTITIES = {

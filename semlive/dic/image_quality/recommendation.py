@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.correlation_choice import CorrelationChoice, RowStructure
 from semlive.data.frame import PatternQuality
 from semlive.data.settings import DicSettings
 from semlive.dic.grid import grid_for
 from semlive.dic.image_quality.quality import GOOD_SIGMA_PX, MIN_SPECKLES_PER_SUBSET, MIN_USABLE, quality
-from semlive.dic.image_quality.row_structure import row_structure
+from semlive.dic.image_quality.row_structure import RowStructure, row_structure
 from semlive.dic.reference import central_region
 from semlive.dic.row_registration import gradient_scales, smoothed_gradients
 from semlive.errors import BadInput
@@ -34,6 +34,32 @@ MAX_ROW_OFFSET = 0.15  # of the contrast; at 0.14 subsets measure 99 % of render
 MIN_ROW_SHIFT_PX = 0.05  # smaller estimates are not significant in a frame of 256 rows
 SINGULAR, TINY = 1e-6, 1e-12  # determinant below which a window has texture along one direction only
 SMOOTHED_NOISE = (0.031, 0.043)  # fraction of the noise variance in the smoothed derivatives along x and y
+
+
+@dataclass(frozen=True, slots=True)
+class CorrelationChoice:
+    """Recommended method, subset and step for one frame.
+
+    Attributes:
+        method: ``subset``, or ``global`` where subsets of acceptable size have too little texture or rows differ too much.
+        subset_px: recommended edge of a subset; with ``global``, the largest subset of acceptable resolution.
+        step_px: recommended distance of POI.
+        sigma_u_px: expected standard deviation of u between two such frames from white image noise, median over the frame; with ``global``,
+            that of a window of this size, without regularisation. Zero without a pattern.
+        sigma_v_px: the same of v.
+        usable_fraction: fraction of the POI with sufficient contrast for such subsets.
+        rows: differences between rows.
+        reason: why this method, with the figures that decide.
+    """
+
+    method: Literal["subset", "global"]
+    subset_px: int
+    step_px: int
+    sigma_u_px: float
+    sigma_v_px: float
+    usable_fraction: float
+    rows: RowStructure
+    reason: str
 
 
 def recommend(image: Image, settings: DicSettings | None = None) -> CorrelationChoice:

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.data.correlation_choice import RowStructure
 from semlive.kernels import images
 
 SMOOTHING_PX = 1.0  # standard deviation of the filter along rows; without it noise attenuates the derivative and with it the shift
 SECOND_DIFFERENCE_GAIN = 6.0**0.5  # of differences of successive differences of white numbers
 MEDIAN_OF_ABSOLUTE = 0.6745  # of a standard normal distribution
 MIN_ROWS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class RowStructure:
+    """Differences between the rows of a frame that its pattern does not explain.
+
+    Attributes:
+        offset_grey: standard deviation of the grey offset of a row, grey levels.
+        shift_px: standard deviation of the shift of a row along x, px.
+    """
+
+    offset_grey: float
+    shift_px: float
 
 
 def row_structure(image: NDArray[np.uint8] | NDArray[np.uint16]) -> RowStructure:

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 
 from semlive.data.frame import ExportedFile, FrameInfo
-from semlive.data.scan import Provenance, ScanTiming, Sourced
-from semlive.data.scan_geometry import geometry_notes
+from semlive.data.scan import Provenance, ScanTiming, Sourced, geometry_notes
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.metadata.header import Header

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 
 from semlive.data.frame import ExportedFile
-from semlive.data.scan import Provenance, Sourced
-from semlive.data.scan_geometry import ScanGeometry, geometry_notes
+from semlive.data.scan import Provenance, ScanGeometry, Sourced, geometry_notes
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.images import frame_metadata

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from semlive.data.frame import ColumnSettings
-from semlive.data.scan import Provenance, Sourced
-from semlive.data.scan_geometry import ScanGeometry
+from semlive.data.scan import Provenance, ScanGeometry, Sourced
 from semlive.formats.metadata.timestamps import Moment
 
 _STATES = {**dict.fromkeys(("on", "yes", "true"), True), **dict.fromkeys(("off", "no", "false"), False)}

@@ -21,8 +21,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from semlive.data.frame import ColumnSettings
-from semlive.data.scan import Provenance, Sourced
-from semlive.data.scan_geometry import FULL_FRAME, ScanGeometry
+from semlive.data.scan import FULL_FRAME, Provenance, ScanGeometry, Sourced
 from semlive.formats.metadata.header import Header, from_file, switch, text_from_file
 from semlive.formats.metadata.quantity import number, positive, unread_notes
 from semlive.formats.metadata.timestamps import Acquired, acquired, iso

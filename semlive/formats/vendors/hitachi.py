@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping
 
 from semlive.data.frame import ColumnSettings
-from semlive.data.scan_geometry import ScanGeometry
+from semlive.data.scan import ScanGeometry
 from semlive.formats.metadata import key_value
 from semlive.formats.metadata.header import Header, from_file, switch, text_from_file
 from semlive.formats.metadata.quantity import number, positive, quantity, unread_notes

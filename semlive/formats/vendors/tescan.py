@@ -14,8 +14,7 @@ import struct
 from collections.abc import Mapping
 
 from semlive.data.frame import ColumnSettings
-from semlive.data.scan import Provenance, Sourced
-from semlive.data.scan_geometry import ScanGeometry
+from semlive.data.scan import Provenance, ScanGeometry, Sourced
 from semlive.formats.metadata import key_value
 from semlive.formats.metadata.header import Header, from_file, text_from_file
 from semlive.formats.metadata.quantity import number, positive, unread_notes

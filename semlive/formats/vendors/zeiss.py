@@ -21,8 +21,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from semlive.data.frame import ColumnSettings
-from semlive.data.scan import Provenance, Sourced
-from semlive.data.scan_geometry import ScanGeometry
+from semlive.data.scan import Provenance, ScanGeometry, Sourced
 from semlive.formats.metadata.header import Header, derived, from_file, switch, text_from_file
 from semlive.formats.metadata.quantity import Quantity, number, quantity, unread_notes
 from semlive.formats.metadata.timestamps import Acquired, acquired

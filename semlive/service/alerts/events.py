@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel
 
-from semlive.data.alerts import AlertEvent
 from semlive.data.faults import FaultKind
 from semlive.engine import Cause, State
 from semlive.engine.states import FINAL_STATES
 from semlive.formats.log.messages import FaultMessage, OperatorMessage, StateMessage
 from semlive.inputs.printable import printable
 from semlive.ports import PromptEvent
+from semlive.service.config.sections import AlertEvent
 
 _NOT_URGENT = frozenset((FaultKind.MODEL_WARNING, FaultKind.PAIR_UNUSABLE, FaultKind.POINTS_NOT_CALIBRATED))
 """Faults of single results: the run continues, and the page shows them."""

@@ -8,12 +8,12 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from semlive.data.alerts import AlertEvent
 from semlive.errors import BadLog
 from semlive.formats.log.messages import from_json
 from semlive.formats.log.reader import LogMessage
 from semlive.service.alerts.events import Alert, alert_of
 from semlive.service.alerts.targets import AlertTarget, send
+from semlive.service.config.sections import AlertEvent
 
 TOPICS = frozenset(("/fault", "/state", "/operator"))
 _RETRIES_S = (0.0, 5.0, 30.0)

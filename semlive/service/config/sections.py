@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from semlive.data.alerts import AlertEvent
 from semlive.data.settings import ScanProfile, ScanSpeed
+
+
+class AlertEvent(StrEnum):
+    """Event of a run that persons who are not at the instrument can be alerted of; a value of the configuration key `alerts.events`."""
+
+    FAULT = "fault"
+    QUESTION = "question"
+    WARM_UP = "warm_up"
+    END = "end"
 
 
 def reject_unknown_keys(cls: type, given: object) -> object:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive import dic, mechanics
-from semlive.data.correlation_choice import CorrelationChoice
 from semlive.data.grid import Grid
 from semlive.data.settings import AnalysisSettings, DicSettings, StrainSettings
 from semlive.data.strain import Tensor2
@@ -45,7 +44,7 @@ class Recommendation:
         gauge: strain noise of the gauge whose length is nearest to that of the settings; None if it does not fit into the frame.
     """
 
-    choice: CorrelationChoice
+    choice: dic.CorrelationChoice
     gauge: GaugeNoise | None
 
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from semlive.data.frame import ColumnSettings
-from semlive.data.scan import Provenance, Sourced
-from semlive.data.scan_geometry import ScanGeometry
+from semlive.data.scan import Provenance, ScanGeometry, Sourced
 from semlive.engine import FrameScanned, FrameUnreadable, LinkStale, OperatorAction, OperatorCommand, State
 from semlive.engine.events import Device
 from semlive.engine.frame_selection import difference

@@ -8,8 +8,7 @@ from dataclasses import replace
 import pytest
 
 from semlive.data.frame import ExportedFile
-from semlive.data.scan import Provenance, Sourced
-from semlive.data.scan_geometry import FULL_FRAME, ScanGeometry, geometry_difference, geometry_notes
+from semlive.data.scan import FULL_FRAME, Provenance, ScanGeometry, Sourced, geometry_difference, geometry_notes
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.images.frame_metadata import frame_info

@@ -5,8 +5,7 @@ from __future__ import annotations
 from semlive.data.experiment import Step
 from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.loading import FrameLoad
-from semlive.data.scan import Provenance, Sourced
-from semlive.data.scan_geometry import ScanGeometry
+from semlive.data.scan import Provenance, ScanGeometry, Sourced
 from semlive.formats.log.messages.base import Message, MonotonicStamped
 
 

@@ -16,13 +16,13 @@ import pytest
 from typer.testing import CliRunner
 
 from semlive.cli.app import app
-from semlive.data.alerts import AlertEvent
 from semlive.errors import BadConfig
 from semlive.formats.log.messages import FaultMessage, OperatorMessage, Payload, StateMessage, to_json, topic_of
 from semlive.formats.log.reader import LogMessage
 from semlive.service.alerts.events import alert_of
 from semlive.service.alerts.sender import AlertSender
 from semlive.service.alerts.targets import read_targets
+from semlive.service.config.sections import AlertEvent
 
 ALL = frozenset(AlertEvent)
 
