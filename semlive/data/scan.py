@@ -91,7 +91,7 @@ class ScanTiming:
 class ScanGeometry:
     """Settings of a scan that change the geometry of its image; None if the file does not contain a setting.
 
-    Scan rotation and magnification are in `semlive.data.frame.ColumnSettings`, line integration in `ScanTiming`.
+    Scan rotation and magnification are in `semlive.data.frame.ColumnSettings`, line integration in `semlive.data.scan.ScanTiming`.
 
     Attributes:
         tilt_correction: rows are moved apart for a tilted specimen: y is stretched by 1 / cos of the angle.
