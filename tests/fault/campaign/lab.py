@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import json
 import os
 import pty
 import signal
@@ -19,15 +18,15 @@ from typing import Any, Self
 import numpy as np
 import yaml
 from stand import RtuPort, Stand, TcpPort
-from states import StatesOf
 
-from semlive.service.log.files import messages
 from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.microscope.scan import Scan
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from waiting import PATIENCE_S, GrowingLog, logged
+
 LIMITS = dict(force_min_n=-50.0, force_max_n=900.0, extension_min_mm=-1.0, extension_max_mm=1.0, force_rate_max_n_s=50.0)
-TIMEOUT_S = 150.0
 HELPERS = """
 import os, signal, time
 def _block(*_):
@@ -42,7 +41,7 @@ if "SEMLIVE_TEST_SIGNALS" in os.environ:
 """
 
 
-def until(condition: Callable[[], object], what: str, within_s: float = TIMEOUT_S) -> float:
+def until(condition: Callable[[], object], what: str, within_s: float = PATIENCE_S) -> float:
     """Wait for a condition; returns the time at which it was observed (monotonic s)."""
     end_s = time.monotonic() + within_s
     while not condition():
@@ -65,6 +64,7 @@ class Run:
     def __post_init__(self) -> None:
         self.export = self.folder / "export"
         self.export.mkdir(parents=True)
+        self.growing = GrowingLog(self.log)
         self.config = {
             "run": {"name": "run", "folder": "log"},
             "sem": {"folder": "export", "pixel_size_um": 1.0, "poll_s": 0.05, "stable_for_s": 0.15, "profile": {"start_sigma_s": 0.01}},
@@ -110,8 +110,9 @@ class Run:
         os.write(self.operator, f"{line}\n".encode())
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
-        exists = self.log.is_dir() and any(self.log.iterdir())
-        return [json.loads(message.payload) for message in messages(self.log) if message.topic == topic] if exists else []
+        """Messages of a topic; of a daemon that has ended also those after the last complete chunk."""
+        lives = bool(self.started) and self.daemon.poll() is None
+        return self.growing.logged(topic) if lives else logged(self.log, topic)
 
     def states(self) -> list[str]:
         return [change["after"] for change in self.logged("/state")]
@@ -120,13 +121,12 @@ class Run:
         return [change["cause"] for change in self.logged("/state")]
 
     def reach(self, state: str, times: int = 1) -> Self:
-        states = StatesOf(self.log)
-        until(lambda: states.so_far().count(state) >= times or self.daemon.poll() is not None, f"the daemon is in {state}")
+        until(lambda: self.growing.states().count(state) >= times or self.daemon.poll() is not None, f"the daemon is in {state}")
         if self.states().count(state) < times:
             raise AssertionError(f"the daemon ended before {state}: {self.end()}")
         return self
 
-    def end(self, within_s: float = TIMEOUT_S) -> tuple[int, str]:
+    def end(self, within_s: float = PATIENCE_S) -> tuple[int, str]:
         """Exit code, and the output on one line."""
         out, err = self.daemon.communicate(timeout=within_s)
         assert "Traceback" not in err, err

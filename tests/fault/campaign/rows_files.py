@@ -99,7 +99,7 @@ def sidecar(lab: Lab) -> Observation:
         lab.frames += 1
         if lab.daemon.poll() is not None:
             break
-    until(lambda: lab.logged("/pair"), "the pair is complete", 20)
+    until(lambda: lab.logged("/pair"), "the pair is complete")
     assert lab.end()[0] == 0
     lab.require_complete_log()
     return Observation(f"{reason} Those whose text came 1 s late were taken with it")
@@ -220,7 +220,7 @@ def kinds_of_pixels(lab: Lab) -> Observation:
         working.replace(lab.export / name)
         time.sleep(0.8)
     refused = [entry for entry in lab.logged("/sem/file") if entry["name"] == "colour.tif" and entry["decision"] == "refused"]
-    until(lambda: lab.logged("/pair"), "16 bit and LZW are the pair", 30)
+    until(lambda: lab.logged("/pair"), "16 bit and LZW are the pair")
     (pair,) = lab.logged("/pair")
     names = {pair["first"]["name"], pair["second"]["name"]}
     assert "colour.tif" not in names, names
@@ -248,7 +248,7 @@ def mid_scan(lab: Lab) -> Observation:
         lab.frames += 1
         if lab.logged("/pair"):
             break
-    until(lambda: lab.logged("/pair"), "a pair", 20)
+    until(lambda: lab.logged("/pair"), "a pair")
     code, output = lab.end()
     assert code == 0, output
     (pair,) = lab.logged("/pair")

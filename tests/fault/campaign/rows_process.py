@@ -47,7 +47,7 @@ def killed(lab: Lab) -> Observation:
         until(lambda pair=pair: len(lab.logged("/pair")) == pair, f"pair {pair}")
         if pair == 1:
             count = lab.states().count("imaging")
-            until(lambda count=count: lab.states().count("imaging") > count, "imaging of the second step", 60)
+            until(lambda count=count: lab.states().count("imaging") > count, "imaging of the second step")
             time.sleep(0.6)
     code, output = lab.end()
     assert code == 0, output
@@ -104,7 +104,7 @@ def torn_log(lab: Lab) -> Observation:
     part.write_bytes(data[: len(data) - 3000] + bytes(4096))
     lab.config["protocol"]["hold_s"] = 30.0
     lab.start("--resume", "--yes")
-    until(lambda: lab.states().count("holding") > 1, "the hold of the run that was taken up", 90)
+    until(lambda: lab.states().count("holding") > 1, "the hold of the run that was taken up")
     lab.daemon.send_signal(signal.SIGINT)
     code, _ = lab.end()
     assert code == 1
