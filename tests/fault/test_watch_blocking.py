@@ -94,7 +94,7 @@ def test_a_read_that_does_not_return_is_named_and_others_continue(tmp_path: Path
     go_on.set()
 
 
-def test_a_slow_read_is_taken_when_it_returns(tmp_path: Path) -> None:
+def test_a_slow_read_is_taken_when_it_returns(tmp_path: Path, wait_until: Callable[..., float]) -> None:
     go_on = threading.Event()
 
     def slow(path: Path, size: int) -> bytes:
@@ -106,8 +106,12 @@ def test_a_slow_read_is_taken_when_it_returns(tmp_path: Path) -> None:
     watched.wait(5)
     assert watched.names() == []
     go_on.set()
-    time.sleep(0.2)
-    watched.wait(2)
+
+    def taken() -> bool:
+        watched.folder.poll()
+        return bool(watched.files)
+
+    wait_until(taken)
     assert watched.names() == ["a.tif"]
     assert watched.refused == []
 
