@@ -39,7 +39,7 @@ sys.exit(run_app())
 
 
 def failing(*arguments: str, **environment: str) -> tuple[int, str]:
-    command = [sys.executable, "-c", FAILING, *arguments, "score", "--help"]
+    command = [sys.executable, "-c", FAILING, *arguments, "demo", "--help"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env={**os.environ, **environment}, check=False)
     return done.returncode, done.stderr
 
