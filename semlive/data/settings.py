@@ -27,6 +27,8 @@ class DicSettings:
             pattern with a period of more than twice this distance is not ambiguous.
         method: ``subset``; ``global``: one regularised field for the frame, for weak texture and rasters with row errors; ``auto``:
             subsets, and the global method where they measure too few points.
+        mask: PNG file with 0 where frame 0 must not be used, and other values elsewhere, of the size of a frame without its databar. In a
+            configuration file it is the path; settings of a run contain the bytes of the file as text (`semlive.inputs.mask_file`).
     """
 
     subset_px: int = 43
@@ -40,6 +42,7 @@ class DicSettings:
     min_valid_fraction: float = 0.5
     search_px: float | None = None
     method: Literal["auto", "subset", "global"] = "auto"
+    mask: str | None = None
 
     def __post_init__(self) -> None:
         if self.subset_px < 5 or self.subset_px % 2 == 0:

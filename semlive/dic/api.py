@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
-from semlive.data.grid import Grid
+from semlive.data.grid import Grid, grid_for
 from semlive.data.settings import DicSettings
 from semlive.dic.bands import correlate_tiled, is_large
 from semlive.dic.correlate import correlate
-from semlive.dic.grid import grid_for
 from semlive.dic.reference import prepare
 from semlive.errors import BadInput
 

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap, PoiStatus
-from semlive.data.grid import Grid
+from semlive.data.grid import Grid, grid_for
 from semlive.data.settings import DicSettings
-from semlive.dic.grid import grid_for
 from semlive.dic.initial_guess.fields import nearest_block_field, residual_affine_field, smooth_field
 from semlive.dic.initial_guess.search import match
 from semlive.dic.method_choice import choose_map, measure_globally

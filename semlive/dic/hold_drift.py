@@ -5,25 +5,32 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive.data.disparity import PoiStatus
 from semlive.data.drift import HoldDrift
 from semlive.data.frame import Frame
+from semlive.data.grid import grid_for
 from semlive.data.settings import DicSettings
 from semlive.dic.correlate import correlate
-from semlive.dic.grid import grid_for
 from semlive.dic.reference import prepare
 from semlive.errors import IllPosed
 
 
-def hold_drift(before: Frame, after: Frame, settings: DicSettings) -> HoldDrift:
+def hold_drift(before: Frame, after: Frame, settings: DicSettings, mask: NDArray[np.bool_] | None = None) -> HoldDrift:
     """Image drift between two frames of the same hold.
+
+    Args:
+        before: first frame.
+        after: second frame.
+        settings: of the correlation.
+        mask: (height, width) True where the first frame may be used; None: everywhere.
 
     Raises:
         BadInput: the frames differ in size, or no subset fits.
         IllPosed: fewer than half of the points converge.
     """
-    reference = prepare(before.image, grid_for(settings, before.info.width_px, before.info.height_px), settings)
+    reference = prepare(before.image, grid_for(settings, before.info.width_px, before.info.height_px), settings, mask)
     solutions = correlate(reference, after.image, settings, reference_frame=before.info.export, current_frame=after.info.export)
-    if 2 * solutions.valid.sum() < solutions.valid.size:
+    if 2 * solutions.valid.sum() < np.count_nonzero(reference.status != PoiStatus.MASKED) or not solutions.valid.any():
         raise IllPosed(
             f"{after.info.name} shows less than half of the points of {before.info.name}: the drift between them cannot be measured"
         )

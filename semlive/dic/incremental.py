@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap, PoiStatus
-from semlive.data.grid import Grid
+from semlive.data.grid import Grid, grid_for
 from semlive.data.settings import DicSettings
 from semlive.dic.correlate import correlate
-from semlive.dic.grid import grid_for
 from semlive.dic.method_choice import too_few_measured
 from semlive.dic.reference import Reference, prepare
 from semlive.kernels.splines.bilinear import interpolate_bilinear

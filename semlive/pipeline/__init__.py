@@ -20,13 +20,22 @@ from semlive.estimate.joint.solution.solver import selection_due
 from semlive.pipeline.accumulation import accumulate, apply_effect_model, solve, solve_incremental, solve_live, start, start_from_maps
 from semlive.pipeline.conclusion import calibration_refusal, estimate_revision, finalise, residual_warning
 from semlive.pipeline.correction import correct_changed, correct_frame, correct_frames
-from semlive.pipeline.correlation import complete_maps, correlate, correlation_notes, maps_from_reference, precorrelate
+from semlive.pipeline.correlation import complete_maps, correlate, correlation_notes, frame_mask, maps_from_reference, precorrelate
 from semlive.pipeline.elastic import refit_elastic
 from semlive.pipeline.state import NO_PRECORRELATION, AnalysisState, PrecorrelatedFrame, frames_of
 
 __all__ = ["NO_PRECORRELATION", "AnalysisState", "PairResult", "PrecorrelatedFrame"]
 __all__ += ["accumulate", "add_pair", "analyse", "apply_effect_model", "calibration_refusal", "complete_maps", "correct_frame", "correlate"]
-__all__ += ["finalise", "follow", "maps_from_reference", "precorrelate", "residual_warning", "review_hyperparameters", "solve"]
+__all__ += [
+    "finalise",
+    "follow",
+    "frame_mask",
+    "maps_from_reference",
+    "precorrelate",
+    "residual_warning",
+    "review_hyperparameters",
+    "solve",
+]
 __all__ += ["start", "start_from_maps"]
 
 MAX_REVISIONS_PER_PAIR = 2  # earlier frames that are corrected again with a pair

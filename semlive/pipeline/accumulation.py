@@ -22,7 +22,9 @@ from semlive.pipeline.state import AnalysisState
 def start(settings: AnalysisSettings, first: Frame) -> AnalysisState:
     """A run with its reference frame and no pairs."""
     grid = dic.grid_for(settings.dic, first.info.width_px, first.info.height_px)
-    return replace(start_from_maps(settings, first.info, grid), reference=dic.prepare(first.image, grid, settings.dic))
+    height, width = first.image.shape
+    reference = dic.prepare(first.image, grid, settings.dic, dic.mask_of(settings.dic, (height, width)))
+    return replace(start_from_maps(settings, first.info, grid), reference=reference)
 
 
 def start_from_maps(settings: AnalysisSettings, first: FrameInfo, grid: Grid) -> AnalysisState:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from semlive import dic
 from semlive.data.disparity import DisparityMap
@@ -30,7 +31,7 @@ def precorrelate(state: AnalysisState, frame: Frame, *, first: bool) -> Precorre
     settings, from_frame_0 = state.settings.dic, None
     if state.reference is not None and frame.info.timing.integrations.value < 2:
         from_frame_0 = dic.correlate(state.reference, frame.image, settings, reference_frame=0, current_frame=frame.info.export)
-    return PrecorrelatedFrame(dic.prepare(frame.image, state.grid, settings) if first else None, from_frame_0)
+    return PrecorrelatedFrame(_prepared(state, frame) if first else None, from_frame_0)
 
 
 def correlate(
@@ -48,9 +49,31 @@ def correlate(
     """
     maps = _correlate(state, pair, precorrelated)
     if not any(disparity.valid.any() for disparity in maps):
-        reason = dic.explain_no_points(pair.first.image, pair.second.image, maps[0], state.settings.dic)
+        mask = frame_mask(state.settings.dic, state.reference, pair.first)
+        reason = dic.explain_no_points(pair.first.image, pair.second.image, maps[0], state.settings.dic, mask=mask)
         raise IllPosed(f"no point of pair {pair.decision.pair} was correlated, so it has no information: {reason}")
     return maps
+
+
+def frame_mask(settings: DicSettings, reference: dic.Reference | None, frame: Frame) -> NDArray[np.bool_] | None:
+    """The mask of the settings at the place of the specimen in a frame; None without a mask.
+
+    Args:
+        settings: of the correlation.
+        reference: frame 0, prepared; None before it, or if the frame is frame 0: the mask stays.
+        frame: frame of the run.
+
+    Raises:
+        BadInput: the mask has another size than the frame.
+    """
+    height, width = frame.image.shape
+    mask = dic.mask_of(settings, (height, width))
+    return mask if mask is None or reference is None else dic.moved_mask(mask, reference, frame.image)
+
+
+def _prepared(state: AnalysisState, frame: Frame) -> dic.Reference:
+    """A frame of the run as reference of the next one."""
+    return dic.prepare(frame.image, state.grid, state.settings.dic, frame_mask(state.settings.dic, state.reference, frame))
 
 
 def _correlate(state: AnalysisState, pair: Pair, precorrelated: Mapping[int, PrecorrelatedFrame]) -> tuple[DisparityMap, ...]:
@@ -60,7 +83,7 @@ def _correlate(state: AnalysisState, pair: Pair, precorrelated: Mapping[int, Pre
     if not state.pairs:
         return (dic.correlate(reference, pair.second.image, settings, reference_frame=0, current_frame=1),)
     first, second = (precorrelated.get(frame.info.export, NOT_PRECORRELATED) for frame in (pair.first, pair.second))
-    own = first.prepared_reference or dic.prepare(pair.first.image, state.grid, settings)
+    own = first.prepared_reference or _prepared(state, pair.first)
     within = dic.correlate(own, pair.second.image, settings, reference_frame=2 * k, current_frame=2 * k + 1)
     as_measured = state.raw_maps[0][0] if state.raw_maps else state.maps_from_reference[0]
     blur = dic.missing_blur(dic.blur_of_pair(state.pairs[0], as_measured), dic.blur_of_pair(pair.decision, within))

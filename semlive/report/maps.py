@@ -192,6 +192,25 @@ def draw_image(axes: Axes, under: Background, scale: ImageScale) -> None:
     axes.imshow(under.grey, extent=extent, cmap=_GREYS, vmin=low, vmax=max(high, low + 1.0), interpolation="none")
 
 
+def draw_mask(axes: Axes, mask: NDArray[np.bool_], scale: ImageScale) -> None:
+    """Hatch the part of frame 0 that is not used.
+
+    Args:
+        axes: shows the image of frame 0.
+        mask: (height, width) True where the frame may be used.
+        scale: unit of lengths.
+    """
+    height, width = mask.shape
+    every = -(-max(mask.shape) // MAX_PANEL_PX)
+    excluded = ~mask[::every, ::every]
+    if min(excluded.shape) < 2 or not excluded.any():
+        return
+    x, y = (scale.factor * (np.arange(0, size, every) + 0.5) for size in (width, height))
+    hatched = axes.contourf(x, y, excluded.astype(np.float32), levels=(0.5, 1.5), colors="none", hatches=("////",))
+    hatched.set_edgecolor("white")
+    axes.contour(x, y, excluded.astype(np.float32), levels=(0.5,), colors="white", linewidths=0.8)
+
+
 def scale_bar(axes: Axes, scale: ImageScale) -> None:
     """Draw a bar of a round length in the lower left corner of a map with y down, with its length above it."""
     (first, last), (lower, upper) = axes.get_xlim(), axes.get_ylim()

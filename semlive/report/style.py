@@ -13,6 +13,8 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from semlive.report.svg_images import compact_svg
+
 PAGE_INCH = 7.0
 """178 mm, the width of a journal page with two columns."""
 X_COLOUR, Y_COLOUR, SHEAR_COLOUR, INK, SOFT = "#0072b2", "#d55e00", "#009e73", "#0f172a", "#64748b"
@@ -81,6 +83,7 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
     match kind:
         case "svg":
             FigureCanvasSVG(figure).print_svg(stream, metadata=_METADATA[kind])
+            stream = io.BytesIO(compact_svg(stream.getvalue().decode("utf-8")).encode("utf-8"))
         case "pdf":
             FigureCanvasPdf(figure).print_pdf(stream, metadata=_METADATA[kind])
         case _:

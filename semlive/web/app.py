@@ -27,7 +27,8 @@ from semlive.service.control.socket import Request, RequestContent, RequestStatu
 from semlive.web.access_control import AccessControl
 from semlive.web.admission import Admission, Stage, is_loopback
 from semlive.web.broadcaster import LogBroadcaster
-from semlive.web.newest_image import newest_image_png
+from semlive.web.frame_images import mask_png
+from semlive.web.newest_image import newest_image_png, run_mask
 
 STATIC = Path(__file__).with_name("static")
 MAX_VIEWERS = 100
@@ -117,9 +118,22 @@ class PageHandlers:
             raise HTTPException(422, str(error)) from error
         if picture is None:
             raise HTTPException(404, "a newer frame has arrived")
-        png, (width, height) = picture
-        headers = {"cache-control": "private, max-age=3600", "x-frame-size": f"{width} {height}"}
-        return Response(png, media_type="image/png", headers=headers)
+        return _picture(*picture)
+
+    async def frame_image(self, request: HttpRequest) -> Response:
+        """Return the image of a frame with maps as PNG."""
+        picture = await run_in_threadpool(self._hub.images.read, request.path_params["frame"])
+        if picture is None:
+            raise HTTPException(404, "no such image")
+        return _picture(*picture)
+
+    async def mask(self, _: HttpRequest) -> Response:
+        """Return the mask of the run as a PNG that is laid over an image."""
+        mask = await run_in_threadpool(run_mask, self._hub)
+        if mask is None:
+            raise HTTPException(404, "no mask")
+        height, width = mask.shape
+        return _picture(await run_in_threadpool(mask_png, mask), (width, height))
 
     async def command(self, request: HttpRequest) -> Response:
         """Forward a command, an answer or an acknowledgement of the operator to the run."""
@@ -167,6 +181,12 @@ class PageHandlers:
             yield "".join(f"data: {text}\n\n" for text in texts) or f"data: {self._hub.heartbeat()}\n\n"
 
 
+def _picture(png: bytes, size_px: tuple[int, int]) -> Response:
+    """An image with the size of its frame."""
+    headers = {"cache-control": "private, max-age=3600", "x-frame-size": f"{size_px[0]} {size_px[1]}"}
+    return Response(png, media_type="image/png", headers=headers)
+
+
 def _reply(text: str, status: int) -> JSONResponse:
     return JSONResponse({"text": text}, status)
 
@@ -201,6 +221,8 @@ def make_app(
         Route("/events", page.events),
         Route("/field/{frame:int}/{name:str}", page.field),
         Route("/frame/{export:int}.png", page.frame),
+        Route("/image/{frame:int}.png", page.frame_image),
+        Route("/mask.png", page.mask),
         Route("/say", page.command, methods=["POST"]),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]

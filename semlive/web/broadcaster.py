@@ -18,8 +18,9 @@ from semlive.service.log.recording import is_being_written
 from semlive.service.log.tail import LogTail
 from semlive.service.runtime.clock import boot_id
 from semlive.web.fields import FieldStore, fields_of
+from semlive.web.frame_images import FrameImageStore
 from semlive.web.page_state import PageState
-from semlive.web.reducer import reduce, seconds, with_maps
+from semlive.web.reducer import reduce, seconds, with_image, with_maps
 from semlive.web.serialise import full_state, state_diff, to_json_line
 
 POLL_S = 0.04
@@ -48,6 +49,7 @@ class LogBroadcaster:
 
     def __init__(self, log: Path) -> None:
         self.fields = FieldStore()
+        self.images = FrameImageStore()
         self.original: NewestFile | None = None
         self.run_message: LogMessage | None = None
         self.file_message: LogMessage | None = None
@@ -163,6 +165,8 @@ class LogBroadcaster:
         if fields is not None:
             self.fields.store(fields)
             self._view = with_maps(self._view, fields)
+        elif (pictured := self.images.take(message)) is not None:
+            self._view = with_image(self._view, pictured)
         elif message.topic == SEM_SIDECAR:
             self._sidecar = message.payload
         elif message.topic == SEM_ORIGINAL:

@@ -30,12 +30,14 @@ class Fields:
         values: (ny, nx) float32 each, by name: disparity_u, disparity_v, disparity_sigma_u, disparity_sigma_v, zncc (of a disparity from
             frame 0), displacement_u, displacement_v, displacement_sigma_u, displacement_sigma_v (px), exx, eyy, exy.
         quality: correlation quality, for a disparity map.
+        shift_px: median disparity from frame 0; None for other maps.
     """
 
     frame: int
     grid: Grid
     values: Mapping[str, NDArray[np.float32]]
     quality: MapQuality | None = None
+    shift_px: tuple[float, float] | None = None
 
 
 def fields_of(message: LogMessage) -> Fields | None:
@@ -54,7 +56,9 @@ def fields_of(message: LogMessage) -> Fields | None:
             "disparity_sigma_v": disparity.sigma_v_px,
             "zncc": disparity.zncc,
         }
-        return Fields(disparity.current, disparity.grid, _masked(shown if disparity.reference == 0 else {}, valid), _quality(disparity))
+        if disparity.reference != 0:
+            return Fields(disparity.current, disparity.grid, {}, _quality(disparity))
+        return Fields(disparity.current, disparity.grid, _masked(shown, valid), _quality(disparity), _shift(disparity))
     if message.topic == DISPLACEMENT_FIELD:
         moved = decode_displacement(message.payload)
         shown = {
@@ -68,6 +72,13 @@ def fields_of(message: LogMessage) -> Fields | None:
         strain = decode_strain(message.payload)
         return Fields(strain.frame, strain.grid, _masked({name: getattr(strain, name) for name in ("exx", "eyy", "exy")}, strain.valid))
     return None
+
+
+def _shift(disparity: DisparityMap) -> tuple[float, float] | None:
+    valid = disparity.valid
+    if not valid.any():
+        return None
+    return round(float(np.median(disparity.u_px[valid])), 2), round(float(np.median(disparity.v_px[valid])), 2)
 
 
 def _quality(disparity: DisparityMap) -> MapQuality:

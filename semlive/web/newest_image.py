@@ -1,19 +1,18 @@
-"""The newest exported file as an image for browsers."""
+"""The newest exported file as an image for browsers, and the mask of the run."""
 
 from __future__ import annotations
 
 import cv2
-import numpy as np
 
 from semlive.data.frame import ExportedFile
-from semlive.data.settings import ScanProfile
+from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadInput
 from semlive.formats import read_frame
 from semlive.formats.log.messages import FileMessage, RunMessage, from_json
-from semlive.service.config.configuration import parse_config
+from semlive.inputs.mask_file import Mask, read_mask
+from semlive.service.log.settings import settings_of
 from semlive.web.broadcaster import LogBroadcaster
-
-_MAX_EDGE_PX = 1024
+from semlive.web.frame_images import browser_png
 
 
 def newest_image_png(hub: LogBroadcaster, export: int) -> tuple[bytes, tuple[int, int]] | None:
@@ -35,29 +34,24 @@ def newest_image_png(hub: LogBroadcaster, export: int) -> tuple[bytes, tuple[int
     file = ExportedFile(
         export, metadata.name, original.data, metadata.sha256, metadata.mtime_ns, metadata.arrival_time_ns, original.sidecar
     )
-    image = read_frame(file, _profile(hub)).image
+    image = read_frame(file, _settings(hub).scan).image
     height, width = image.shape
-    if image.dtype != np.uint8:
-        image = cv2.convertScaleAbs(image, alpha=255.0 / max(1, int(image.max())))
-    smaller = _MAX_EDGE_PX / max(width, height)
-    if smaller < 1.0:
-        image = cv2.resize(image, None, fx=smaller, fy=smaller, interpolation=cv2.INTER_AREA)
-    encoded, png = cv2.imencode(".png", image, (cv2.IMWRITE_PNG_COMPRESSION, 1))
-    if not encoded:
-        raise BadInput(f"{metadata.name}: the image cannot be encoded as PNG")
-    return png.tobytes(), (width, height)
-
-
-def _profile(hub: LogBroadcaster) -> ScanProfile:
-    """Return the file settings of the configuration of the run."""
-    if hub.run_message is None:
-        return ScanProfile()
-    message = from_json(hub.run_message.topic, hub.run_message.payload)
     try:
-        return (
-            parse_config(message.config, "the run's configuration").analysis_settings().scan
-            if isinstance(message, RunMessage)
-            else ScanProfile()
-        )
+        return browser_png(image), (width, height)
+    except cv2.error as error:
+        raise BadInput(f"{metadata.name}: the image cannot be encoded as PNG") from error
+
+
+def run_mask(hub: LogBroadcaster) -> Mask | None:
+    """Return the mask of the run; None without one."""
+    settings = _settings(hub)
+    return None if settings.dic.mask is None else read_mask(settings.dic.mask)
+
+
+def _settings(hub: LogBroadcaster) -> AnalysisSettings:
+    """Return the settings of the configuration of the run; the defaults if it cannot be read."""
+    message = None if hub.run_message is None else from_json(hub.run_message.topic, hub.run_message.payload)
+    try:
+        return settings_of(message) if isinstance(message, RunMessage) else AnalysisSettings()
     except BadInput:
-        return ScanProfile()
+        return AnalysisSettings()

@@ -33,6 +33,7 @@ class Run:
         area_mm2: cross-section of the specimen, None if unknown.
         loading_axis: image axis of the load, ``x`` or ``y``.
         pixel_um: edge of a pixel on the specimen as configured, um; None if unknown.
+        mask: whether the correlation excludes a part of the specimen.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Run:
     area_mm2: float | None
     loading_axis: str
     pixel_um: float | None = None
+    mask: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,13 +289,18 @@ class LogRows:
 
 @dataclass(frozen=True, slots=True)
 class FrameMaps:
-    """Frame with maps; `version` increases with every new map of the frame."""
+    """Frame with maps; `version` increases with every new map of the frame.
+
+    `image` is true once its own image is available. `shift_px` is the median disparity from frame 0, by which points are moved in it.
+    """
 
     frame: int
     phase: str
     load_n: float | None
     fields: tuple[str, ...]
     version: int
+    image: bool = False
+    shift_px: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,11 +75,19 @@ def with_maps(view: PageState, fields: Fields) -> PageState:
         None if step is None else step.load_n,
         tuple(dict.fromkeys((*(old.fields if old else ()), *fields.values))),
         old.version + 1 if old else 1,
+        old is not None and old.image,
+        fields.shift_px or (old.shift_px if old else None),
     )
     frames = tuple({**before, fields.frame: mapped}[number] for number in sorted({*before, fields.frame}))
     grid = fields.grid
     place = (grid.x0_px, grid.y0_px, grid.step_px, grid.nx, grid.ny, grid.subset_px)
     return replace(view, maps=replace(view.maps, frames=frames, grid=place))
+
+
+def with_image(view: PageState, frame: int) -> PageState:
+    """Mark that the image of a frame with maps is available."""
+    frames = tuple(replace(maps, image=True) if maps.frame == frame else maps for maps in view.maps.frames)
+    return replace(view, maps=replace(view.maps, frames=frames))
 
 
 def seconds(view: PageState, time_ns: int) -> float:
@@ -110,6 +118,7 @@ def _run(view: PageState, message: RunMessage) -> PageState:
         area_mm2=config.specimen.area_mm2,
         loading_axis=config.specimen.loading_axis,
         pixel_um=config.sem.pixel_size_um,
+        mask=config.dic.mask is not None,
     )
     progress = with_plan(view.progress, plan, seconds(view, view.earlier.last_ns))
     return replace(view, run=run, boot_id=message.boot_id, schedule=replace(view.schedule, planned=plan.steps), progress=progress)

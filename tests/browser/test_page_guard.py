@@ -217,3 +217,60 @@ def test_the_refusal_of_an_old_token_does_not_take_the_new_one_away(run: Run, ta
         page.get_by_role("button", name="Pause").click()
     assert [verb for verb, _ in run.heard] == [OperatorCommand.PAUSE]
     run.heard.clear()
+
+
+@pytest.mark.parametrize("opener", ["Abort…", "Token…", "phone", "Keys"])
+def test_stop_is_reached_by_the_mouse_while_a_dialog_is_open(run: Run, tab: Callable[..., Page], opener: str) -> None:
+    page = tab(viewport={"width": 1366, "height": 768})
+    page.goto(f"http://127.0.0.1:{run.port}/#token={run.control.token}")
+    expect(page.locator("#state-word")).to_have_text("holding")
+    page.get_by_role("button", name=opener, exact=True).click()
+    expect(page.locator("dialog[open]")).to_have_count(1)
+    with page.expect_response("**/say"):
+        page.get_by_role("button", name="Stop").click()
+    assert [verb for verb, _ in run.heard] == [OperatorCommand.STOP]
+    run.heard.clear()
+
+
+@pytest.mark.parametrize("opener", ["Abort…", "Token…"])
+def test_stop_is_reached_by_the_keyboard_while_a_dialog_is_open(run: Run, tab: Callable[..., Page], opener: str) -> None:
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/#token={run.control.token}")
+    expect(page.locator("#state-word")).to_have_text("holding")
+    page.get_by_role("button", name=opener, exact=True).press("Enter")
+    # Tab leaves the dialog, the last element of the page, and continues at its first element.
+    for _ in range(12):
+        page.keyboard.press("Tab")
+        if page.get_by_role("button", name="Stop").evaluate("(button) => button === document.activeElement"):
+            break
+    expect(page.locator("dialog[open]")).to_have_count(1)
+    with page.expect_response("**/say"):
+        page.keyboard.press("Enter")
+    assert [verb for verb, _ in run.heard] == [OperatorCommand.STOP]
+    run.heard.clear()
+
+
+@pytest.mark.parametrize("opener", ["Abort…", "Token…"])
+def test_stop_is_reached_by_the_thumb_while_a_dialog_is_open(run: Run, tab: Callable[..., Page], opener: str) -> None:
+    page = tab(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page.goto(f"http://127.0.0.1:{run.port}/#token={run.control.token}")
+    expect(page.locator("#state-word")).to_have_text("holding")
+    page.get_by_role("button", name=opener, exact=True).tap()
+    expect(page.locator("dialog[open]")).to_have_count(1)
+    with page.expect_response("**/say"):
+        page.get_by_role("button", name="Stop").tap()
+    assert [verb for verb, _ in run.heard] == [OperatorCommand.STOP]
+    run.heard.clear()
+
+
+def test_a_token_that_is_being_typed_stays_when_stop_is_pressed(run: Run, tab: Callable[..., Page]) -> None:
+    page = tab()
+    page.goto(f"http://127.0.0.1:{run.port}/")
+    expect(page.locator("#state-word")).to_have_text("holding")
+    page.get_by_role("button", name="Pause").click()
+    page.get_by_role("textbox", name="Token").fill(run.control.token)
+    page.get_by_role("button", name="Stop").click()
+    with page.expect_response("**/say"):
+        page.keyboard.press("Enter")
+    assert [verb for verb, _ in run.heard] == [OperatorCommand.STOP]
+    run.heard.clear()

@@ -80,12 +80,13 @@ def init(
             mask = out.with_name(f"{out.stem}-mask.png")
             write_bytes(mask, placed.mask)
             written["mask"] = str(mask)
+            answers = _changed(answers, {"mask": mask.name}, str(out))
     write_text(out, configuration_text(answers))
     if as_json:
         typer.echo(json.dumps(written))
         return
     if "mask" in written:
-        typer.echo(f"wrote {written['mask']}; semlive dic --mask uses it, runs do not")
+        typer.echo(f"wrote {written['mask']}, which the configuration names as dic.mask")
     typer.echo(f"wrote {out}; next: semlive doctor {out}, then semlive plan {out} --test-frame {test_frame or 'FILE'}")
 
 

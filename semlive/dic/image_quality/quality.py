@@ -9,9 +9,8 @@ from scipy import fft, ndimage
 
 from semlive.data.disparity import PoiStatus
 from semlive.data.frame import PatternQuality
-from semlive.data.grid import Grid
+from semlive.data.grid import Grid, grid_for
 from semlive.data.settings import DicSettings
-from semlive.dic.grid import grid_for
 from semlive.dic.image_quality.grey_scale import grey_scale
 from semlive.dic.reference import prepare
 from semlive.dic.row_registration import gradient_scales, smoothed_gradients

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.frame import PatternQuality
+from semlive.data.grid import grid_for
 from semlive.data.settings import DicSettings
-from semlive.dic.grid import grid_for
 from semlive.dic.image_quality.quality import GOOD_SIGMA_PX, MIN_SPECKLES_PER_SUBSET, MIN_USABLE, quality
 from semlive.dic.image_quality.row_structure import RowStructure, row_structure
+from semlive.dic.mask import mask_of
 from semlive.dic.reference import central_region
 from semlive.dic.row_registration import gradient_scales, smoothed_gradients
 from semlive.errors import BadInput
+from semlive.inputs.mask_file import Mask
 from semlive.kernels import images
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+Pixels = TypeVar("Pixels", NDArray[np.uint8] | NDArray[np.uint16], NDArray[np.bool_])
 
 SUBSETS_PX = (21, 25, 31, 37, 43, 51, 61, 73, 87, 101)
 SUBSETS_PER_EDGE = 8  # along the shorter edge of the frame; larger subsets average most of the field
@@ -75,7 +78,7 @@ def recommend(image: Image, settings: DicSettings | None = None) -> CorrelationC
 
     Args:
         image: (height, width) uint8 or uint16.
-        settings: region of interest, interpolation and shape function; None: the defaults for the complete frame.
+        settings: region of interest, mask, interpolation and shape function; None: the defaults for the complete frame.
 
     Raises:
         BadInput: the image has another form, or no subset of 21 px fits.
@@ -83,8 +86,10 @@ def recommend(image: Image, settings: DicSettings | None = None) -> CorrelationC
     if not isinstance(image, np.ndarray) or image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
         raise BadInput("the image is no two-dimensional array of uint8 or uint16: give one channel of the grey levels of the detector")
     settings = settings or DicSettings(roi_px=None)
-    part = _evaluated(image, settings)
-    chosen, reason = _subset(part, replace(settings, roi_px=None), min(image.shape) / SUBSETS_PER_EDGE)
+    height, width = image.shape
+    mask = mask_of(settings, (height, width))
+    part, usable = _evaluated(image, settings), None if mask is None else _evaluated(mask, settings)
+    chosen, reason = _subset(part, usable, replace(settings, roi_px=None, mask=None), min(image.shape) / SUBSETS_PER_EDGE)
     rows = row_structure(part)
     subset_px, sigma_px = chosen.grid.subset_px, max(chosen.median_sigma_px)
     reason = reason or _row_reason(rows, chosen)
@@ -95,7 +100,7 @@ def recommend(image: Image, settings: DicSettings | None = None) -> CorrelationC
     return CorrelationChoice("global", subset_px, step_px, *_window_sigma(part, chosen), chosen.usable_fraction, rows, reason)
 
 
-def _evaluated(image: Image, settings: DicSettings) -> Image:
+def _evaluated(image: Pixels, settings: DicSettings) -> Pixels:
     """Part of the frame that is evaluated: the subsets of the region of interest, of a large one its central part."""
     if settings.roi_px is not None:
         x0, y0, x1, y1 = settings.roi_px
@@ -104,7 +109,7 @@ def _evaluated(image: Image, settings: DicSettings) -> Image:
     return image[central_region(image.shape)]
 
 
-def _candidates(image: Image, settings: DicSettings, max_subset_px: float) -> Iterator[PatternQuality]:
+def _candidates(image: Image, mask: Mask | None, settings: DicSettings, max_subset_px: float) -> Iterator[PatternQuality]:
     """Quality with subsets of acceptable size from the smallest on; at least one."""
     height, width = image.shape
     for subset_px in SUBSETS_PX:
@@ -112,13 +117,13 @@ def _candidates(image: Image, settings: DicSettings, max_subset_px: float) -> It
             return
         step_px = max((min(height, width) - subset_px) // POINTS_PER_EDGE, 1)
         sized = replace(settings, subset_px=subset_px, step_px=step_px)
-        yield quality(image, grid_for(sized, width, height), sized)
+        yield quality(image, grid_for(sized, width, height), sized, mask)
 
 
-def _subset(image: Image, settings: DicSettings, max_subset_px: float) -> tuple[PatternQuality, str]:
+def _subset(image: Image, mask: Mask | None, settings: DicSettings, max_subset_px: float) -> tuple[PatternQuality, str]:
     """Quality with the best subset of acceptable size, and why none suffices (empty if it does)."""
     largest: PatternQuality | None = None
-    for candidate in _candidates(image, settings, max_subset_px):
+    for candidate in _candidates(image, mask, settings, max_subset_px):
         if _sufficient(candidate, GOOD_SIGMA_PX, MIN_SPECKLES_PER_SUBSET):
             return candidate, ""
         largest = candidate

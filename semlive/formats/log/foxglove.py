@@ -1,4 +1,4 @@
-"""Images in two protobuf messages of Foxglove, which it shows without a plug-in; this module encodes them.
+"""Images in two protobuf messages of Foxglove, which it shows without a plug-in; this module encodes and reads them.
 
 Six numbers, a string and some bytes need no protobuf library. The schemas below are those of foxglove-sdk 0.30 (a set of file
 descriptors, base64), and a test decodes the output of this module with that library. The library has 19 MB of compiled code, of which
@@ -14,6 +14,8 @@ from collections.abc import Mapping
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from semlive.errors import BadLog
 
 SEM_IMAGE = "/sem/image"
 """An analysed frame without databar, lossless; `sequence` is the number of its export."""
@@ -72,6 +74,27 @@ def compressed_image(image: NDArray[np.uint8] | NDArray[np.uint16], time_ns: int
     return b"".join((_time(1, time_ns), _bytes(2, png.tobytes()), _bytes(3, b"png"), _bytes(4, frame_id.encode())))
 
 
+def read_compressed_image(payload: bytes) -> tuple[bytes, str]:
+    """Return image file and name of the content of a `foxglove.CompressedImage`, as `compressed_image` writes it.
+
+    Raises:
+        BadLog: the bytes are no such message.
+    """
+    values, at = dict[int, bytes](), 0
+    try:
+        while at < len(payload):
+            key, at = _read_varint(payload, at)
+            if key & 7 != 2:
+                raise BadLog(f"a preview image has a field of kind {key & 7}; recover the log")
+            length, at = _read_varint(payload, at)
+            values[key >> 3], at = payload[at : at + length], at + length
+        if at > len(payload):
+            raise IndexError
+        return values.get(2, b""), values.get(4, b"").decode()
+    except (IndexError, UnicodeDecodeError):
+        raise BadLog("a preview image is truncated; recover the log") from None
+
+
 def raw_image(field: NDArray[np.float64], valid: NDArray[np.bool_], time_ns: int, frame_id: str) -> bytes:
     """Return a field as a `foxglove.RawImage` of float32, one pixel for each point; NaN for invalid points.
 
@@ -94,6 +117,15 @@ def _varint(number: int) -> bytes:
         number >>= 7
     out.append(number)
     return bytes(out)
+
+
+def _read_varint(data: bytes, at: int) -> tuple[int, int]:
+    """Value of a varint, and the place after it."""
+    value = shift = 0
+    while data[at] & 0x80:
+        value |= (data[at] & 0x7F) << shift
+        at, shift = at + 1, shift + 7
+    return value | data[at] << shift, at + 1
 
 
 def _bytes(field: int, value: bytes) -> bytes:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 import html
+import urllib.parse
 from collections.abc import Callable, Sequence
 
 from semlive.report.document.blocks import Block, Bullets, Document, FigureBlock, KeyFigures, Listing, Paragraph, Section, Table
 from semlive.report.style import figure_bytes, publication_style
 
+_UNESCAPED = " !$'*+,-./:;=?@_~[]{}|^`"
+"""Characters of an SVG that a quoted address may contain: base64 of the complete text would be larger by a third."""
 _STYLE = """
 :root { color-scheme: light dark;
   --ink: #0f172a; --paper: #ffffff; --soft: #475569; --line: #cbd5e1; --accent: #1d4ed8; }
@@ -99,9 +101,9 @@ def _table(table: Table) -> str:
 
 
 def _figure(block: FigureBlock, number: int) -> str:
-    svg = base64.b64encode(figure_bytes(block.figure, "svg")).decode("ascii")
+    svg = urllib.parse.quote(figure_bytes(block.figure, "svg").decode("utf-8"), safe=_UNESCAPED)
     width = 96 * block.figure.get_size_inches()[0]
     title = html.escape(block.title)
-    image = f'<img alt="{title}" width="{width:.0f}" src="data:image/svg+xml;base64,{svg}">'
+    image = f'<img alt="{title}" width="{width:.0f}" src="data:image/svg+xml,{svg}">'
     caption = f"<b>Figure {number}. {title}.</b> {html.escape(block.caption)}"
     return f'<figure id="{html.escape(block.key)}">{image}<figcaption>{caption}</figcaption></figure>'

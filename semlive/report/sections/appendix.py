@@ -10,6 +10,7 @@ import yaml
 
 from semlive.data.grid import Grid
 from semlive.data.settings import MEASURES, AnalysisSettings
+from semlive.inputs.mask_file import mask_text
 from semlive.report.alarms import alarm_blocks
 from semlive.report.document.blocks import Block, Listing, Paragraph, Section, Table
 from semlive.report.run_data import RunData
@@ -76,7 +77,10 @@ def configuration_blocks(facts: LogFacts) -> tuple[Block, ...]:
     """The configuration of the run, if the log has one."""
     if not facts.config:
         return ()
-    return (Listing("The configuration of the run", yaml.safe_dump(facts.config, sort_keys=False, allow_unicode=True)),)
+    config, dic = facts.config, facts.config.get("dic") or {}
+    if dic.get("mask"):
+        config = {**config, "dic": {**dic, "mask": mask_text(dic["mask"])}}
+    return (Listing("The configuration of the run", yaml.safe_dump(config, sort_keys=False, allow_unicode=True)),)
 
 
 def versions_table(facts: LogFacts) -> Table:

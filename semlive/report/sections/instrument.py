@@ -11,8 +11,9 @@ from matplotlib.patches import Rectangle
 
 from semlive.data.frame import FrameInfo, FrameOrigin
 from semlive.data.settings import SpecimenSettings
+from semlive.inputs.mask_file import read_mask
 from semlive.report.document.blocks import Block, FigureBlock, Paragraph, Section, Table
-from semlive.report.maps import draw_image, scale_bar
+from semlive.report.maps import draw_image, draw_mask, scale_bar
 from semlive.report.run_data import RunData
 from semlive.report.sections.wording import NOT_RECORDED, joined, seconds, source, utc_date, utc_time
 from semlive.report.style import PAGE_INCH, X_COLOUR, Y_COLOUR
@@ -175,14 +176,18 @@ def _image_block(data: RunData) -> FigureBlock | None:
     for edge, colour in ((grid.subset_px, X_COLOUR), (gauge, Y_COLOUR)):
         if edge:
             axes.add_patch(_square(centre_x - factor * edge / 2, centre_y - factor * edge / 2, factor * edge, factor * edge, colour))
+    mask = data.settings.dic.mask
+    if mask is not None:
+        draw_mask(axes, read_mask(mask), scale)
     scale_bar(axes, scale)
     axes.set(xlabel=f"x ({scale.unit})", ylabel=f"y ({scale.unit})")
     subset = f"blue square: subset of {grid.subset_px} px; " if grid.subset_px else ""
+    hatched = "" if mask is None else "Hatched: mask, whose subsets are not measured. "
     caption = (
         f"SEM image of frame 0, the reference of all displacements ({data.first.name}), without its databar. Yellow frame: the "
         f"{grid.nx} x {grid.ny} measured points, {grid.step_px} px apart; a line is drawn through one in {every}. In the "
         f"middle, to scale, "
-        f"{subset}vermilion square: virtual strain gauge of {gauge} px. Grey levels are stretched. The load acts along "
+        f"{subset}vermilion square: virtual strain gauge of {gauge} px. {hatched}Grey levels are stretched. The load acts along "
         f"{data.settings.specimen.loading_axis}."
     )
     return FigureBlock("sem-image", "Reference image with the measured points", caption, figure)

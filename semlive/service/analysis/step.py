@@ -16,7 +16,7 @@ from semlive.data.pair import Pair, PairDecision
 from semlive.data.results import PairResult
 from semlive.data.settings import AnalysisSettings
 from semlive.engine import FINAL_STATES, State
-from semlive.errors import BadImage, BadLog, SemliveError
+from semlive.errors import BadImage, BadInput, BadLog, SemliveError
 from semlive.formats import read_frame
 from semlive.formats.log import conversions as values
 from semlive.formats.log.messages import (
@@ -158,7 +158,9 @@ def _hold_drift(state: WorkerState, previous: Frame, frame: Frame) -> Iterator[L
     """Yield the drift between two frames of one hold, unless they form the pair."""
     assert state.settings is not None  # frames are decoded with them
     with suppress(SemliveError):
-        drift = dic.hold_drift(previous, frame, state.settings.dic)
+        reference = None if state.analysis is None else state.analysis.reference
+        mask = pipeline.frame_mask(state.settings.dic, reference, previous)
+        drift = dic.hold_drift(previous, frame, state.settings.dic, mask)
         yield log_message(HoldDriftMessage(**asdict(drift)), drift.end_time_ns)
 
 
@@ -185,6 +187,7 @@ def _decode(state: WorkerState, message: LogMessage) -> tuple[WorkerState, tuple
     decoded = replace(state, pending_file=None, sidecar=None)
     try:
         frame = read_frame(file, settings.scan)
+        _require_mask_size(frame, settings)
         pixel_hashes = _with_hash(state.pixel_hashes, frame)
     except BadImage as error:
         refused = pending.model_copy(update={"decision": "refused", "reason": str(error)})
@@ -196,6 +199,19 @@ def _decode(state: WorkerState, message: LogMessage) -> tuple[WorkerState, tuple
     at_rest = state.at_rest_since_ns is not None and frame.info.start_time_ns.value >= state.at_rest_since_ns
     newest_rest_frame = frame if at_rest else None
     return replace(decoded, frames=frames, pixel_hashes=pixel_hashes, clocks=clocks, newest_rest_frame=newest_rest_frame), outputs
+
+
+def _require_mask_size(frame: Frame, settings: AnalysisSettings) -> None:
+    """Reject a frame of another size than the mask, so that no pair is formed and nothing moves for it.
+
+    Raises:
+        BadImage: the sizes differ.
+    """
+    height, width = frame.image.shape
+    try:
+        dic.mask_of(settings.dic, (height, width))
+    except BadInput as error:
+        raise BadImage(f"{frame.info.name}: {error}") from error
 
 
 def _with_hash(pixel_hashes: Mapping[str, str], frame: Frame) -> Mapping[str, str]:

@@ -18,8 +18,9 @@ from semlive.data.frame import ExportedFile
 from semlive.endpoints import tcp_names
 from semlive.errors import SemliveError
 from semlive.formats import check_finished
-from semlive.formats.images.inspection import inspect_file
+from semlive.formats.images.inspection import Inspection, inspect_file
 from semlive.inputs.files import read_regular
+from semlive.inputs.mask_file import read_mask
 from semlive.ports import ChecksDevice, ChecksFiles
 from semlive.process_lock import Holder
 from semlive.service.config.configuration import Config
@@ -86,11 +87,21 @@ def _newest_image(path: Path, config: Config) -> Finding:
     problems = list(inspection.problems)
     if not problems and (unfinished := check_finished(file, config.sem.scan_profile, config.sem.vendor)) is not None:
         problems.append(unfinished)
+    problems += _other_size(inspection, config)
     if problems:
         observation = f"{path.name}: a run would refuse an image like it: {' '.join(problems)}"
         return Finding("newest image", observation, Verdict.UNKNOWN, f"correct the export or sem, then: semlive inspect {path}")
     notes = f"; {' '.join(inspection.notes)}" if inspection.notes else ""
     return Finding("newest image", f"{path.name}: {inspection.vendor}, would be taken{notes}", Verdict.OK)
+
+
+def _other_size(inspection: Inspection, config: Config) -> Iterator[str]:
+    """Whether an image has another size than the mask, which a run refuses."""
+    if config.dic.mask is not None and not inspection.problems:
+        height, width = read_mask(config.dic.mask).shape
+        if (inspection.width_px, inspection.height_px) != (width, height):
+            frame = f"{inspection.width_px} x {inspection.height_px} px"
+            yield f"its frame has {frame}, the mask (dic.mask) {width} x {height} px; draw the mask on such a frame."
 
 
 def _folder_clock(config: Config) -> Finding:

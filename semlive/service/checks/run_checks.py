@@ -6,11 +6,15 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
+
 from semlive.data.checks import Finding, Verdict
 from semlive.errors import BadConfig
+from semlive.inputs.mask_file import mask_text, read_mask
 from semlive.service.alerts.targets import read_targets
 from semlive.service.checks import computer, instrument
 from semlive.service.config.configuration import Config
+from semlive.service.config.mask import usable_points
 from semlive.service.config.plausibility import questions
 from semlive.service.planning.stop_distances import StopPlan, stop_advice, stop_plan
 
@@ -40,12 +44,21 @@ def run_checks(config: Config | None) -> Iterator[Finding]:
     yield instrument.page_port()
     if config is not None:
         yield from instrument.export_folder(config)
+        yield from _mask(config)
         yield from instrument.check_device_endpoints(config)
         yield from _unusual(config)
         yield from _alerts(config)
         stops = stop_plan(config)
         if stops is not None:
             yield _stops(stops)
+
+
+def _mask(config: Config) -> Iterator[Finding]:
+    """What the mask excludes; a configuration whose mask excludes every point is not loaded."""
+    if config.dic.mask is not None:
+        points = usable_points(read_mask(config.dic.mask), config.dic)
+        observation = f"{mask_text(config.dic.mask)}; excludes {np.count_nonzero(~points)} of {points.size} points"
+        yield Finding("mask", observation, Verdict.OK, "a run refuses frames of another size")
 
 
 def _unusual(config: Config) -> Iterator[Finding]:

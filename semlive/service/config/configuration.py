@@ -17,6 +17,7 @@ from semlive.inputs.files import read_regular
 from semlive.inputs.kinds import Place, changed_kind
 from semlive.inputs.yaml_text import MOST_BYTES, YamlText, read_yaml
 from semlive.service.config.checks import contradictions
+from semlive.service.config.mask import with_mask
 from semlive.service.config.model_section import ModelSection
 from semlive.service.config.sections import (
     AlertsSection,
@@ -128,7 +129,12 @@ def load_config(path: Path) -> Config:
         data = read_regular(path, MOST_BYTES)
     except OSError as error:
         raise BadConfig(f"{path}: cannot be read ({_reason(error)}); give the path of a YAML configuration file") from error
-    return resolve_paths(checked_text(read_yaml(data, str(path)), str(path)), path.parent)
+    text = read_yaml(data, str(path))
+    config = checked_text(text, str(path))
+    try:
+        return resolve_paths(config, path.parent)
+    except BadConfig as error:
+        raise BadConfig(f"{path}: {_at(text, ('dic', 'mask'))}{error}") from error
 
 
 def checked_text(text: YamlText, where: str) -> Config:
@@ -185,14 +191,18 @@ def parse_config(given: object, where: str, text: YamlText | None = None) -> Con
 
 
 def resolve_paths(config: Config, base: Path) -> Config:
-    """Return the configuration with absolute paths; relative ones refer to `base`."""
+    """Return the configuration with absolute paths, and the bytes of the mask; relative paths refer to `base`.
+
+    Raises:
+        BadConfig: the mask cannot be used.
+    """
     clock_file = config.run.clock_file
     run = config.run.model_copy(
         update={"folder": (base / config.run.folder).resolve(), "clock_file": clock_file and (base / clock_file).resolve()}
     )
     sem = config.sem.model_copy(update={"folder": (base / config.sem.folder).resolve()})
     alerts = config.alerts and config.alerts.model_copy(update={"file": (base / config.alerts.file).resolve()})
-    return config.model_copy(update={"run": run, "sem": sem, "alerts": alerts})
+    return config.model_copy(update={"run": run, "sem": sem, "alerts": alerts, "dic": with_mask(config.dic, base)})
 
 
 def _at(text: YamlText, place: Place) -> str:

@@ -7,6 +7,7 @@ import difflib
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -14,11 +15,14 @@ from pydantic import TypeAdapter, ValidationError
 from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadConfig
 from semlive.inputs.kinds import changed_kind
+from semlive.inputs.mask_file import mask_text
 from semlive.inputs.yaml_text import read_yaml
+from semlive.service.config.mask import read_mask_file
 
 _UNITS = ("_px", "_points", "_s", "_m", "_mm2")
 _OF_IMAGES = ("dic.", "scan.")
 _MODEL = "model"  # `--model` replaces it completely
+_MASK = "dic.mask"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +68,10 @@ def apply_overrides(settings: AnalysisSettings, changes: Iterable[SettingOverrid
 
 
 def as_keys(settings: AnalysisSettings) -> dict[str, Any]:
-    """Return the value of every setting by its full name, as in ``dic.subset_px``."""
+    """Return the value of every setting by its full name, as in ``dic.subset_px``; of a mask size, excluded part and checksum."""
     model = ", ".join(effect.name for effect in settings.model.effects)
-    return {key: _value(settings, key.split(".")) for key in _keys(AnalysisSettings)} | ({_MODEL: model} if model else {})
+    values = {key: _value(settings, key.split(".")) for key in _keys(AnalysisSettings)} | ({_MODEL: model} if model else {})
+    return values if values[_MASK] is None else {**values, _MASK: mask_text(values[_MASK])}
 
 
 def _value(settings: Any, path: list[str]) -> Any:
@@ -111,7 +116,7 @@ def _change(argument: str, types: Mapping[str, Any]) -> SettingOverride:
         changed = changed_kind(given, value)
         if changed is not None:
             raise BadConfig(f"--set {argument}: {changed[1]}.")
-        return SettingOverride(full_name, value)
+        return SettingOverride(full_name, read_mask_file(Path(value)) if full_name == _MASK and value is not None else value)
     except ValidationError as error:
         raise BadConfig(f"--set {argument}: {error.errors()[0]['msg'].lower()}; correct the value of {full_name}.") from None
 

@@ -33,6 +33,7 @@ class LabSetup:
         max_load_n: largest load of the plan, N.
         load_steps: number of loads.
         region_px: first and last subset centre (x0, y0, x1, y1).
+        mask: file name of the mask beside the configuration; None without masks.
     """
 
     name: str = "first-run"
@@ -49,6 +50,7 @@ class LabSetup:
     max_load_n: float = 2000.0
     load_steps: int = 6
     region_px: tuple[int, int, int, int] = (101, 101, 846, 696)
+    mask: str | None = None
 
     @property
     def loads_n(self) -> tuple[float, ...]:
@@ -271,6 +273,7 @@ def _numerics(lab: LabSetup) -> str:
         ("  subset_px: 43", "px, edge of a subset, odd; three speckles across at least"),
         ("  step_px: 5", "px, distance of neighbouring points"),
         (f"  roi_px: [{', '.join(map(str, lab.region_px))}]", "px, first and last subset centre (x0, y0, x1, y1); null covers the frame"),
+        *(() if lab.mask is None else ((f"  mask: {_quoted(lab.mask)}", "0 where frames must not be used; moves with the specimen"),)),
         "",
         "estimate:",
         ("  window_points: 9", "points, edge of the virtual strain gauge: (9 - 1) x 5 + 43 = 83 px"),

@@ -11,6 +11,7 @@ from semlive.errors import BadConfig, BadLog
 from semlive.formats.log.messages import (
     RunMessage,
 )
+from semlive.inputs.mask_file import mask_text
 from semlive.service.config.configuration import Config, parse_config
 from semlive.service.control.previous_segments import PreviousSegments
 from semlive.service.control.segment_reader import SegmentReader
@@ -66,4 +67,5 @@ def _flat(section: object, place: str = "") -> dict[str, object]:
 
 
 def _format_value(flat: dict[str, object], key: str) -> str:
-    return "absent" if key not in flat else "empty" if flat[key] is None else str(flat[key])
+    value = str(flat.get(key))
+    return "absent" if key not in flat else "empty" if flat[key] is None else mask_text(value) if key == "dic.mask" else value

@@ -18,6 +18,7 @@ from semlive.engine.schedule import Schedule, TimingAssumptions, schedule
 from semlive.errors import BadImage, BadInput
 from semlive.formats import read_frame
 from semlive.inputs.files import MAX_IMAGE_BYTES, read_regular
+from semlive.inputs.mask_file import read_mask
 from semlive.service.config.configuration import Config
 from semlive.service.diagnosis.model_file import Model, require_compatible
 from semlive.service.planning.advice import advice
@@ -133,7 +134,8 @@ def plan_experiment(
         )
     grid = dic.grid_for(config.dic, scan.width_px, scan.height_px)
     times = schedule(plan, TimingAssumptions(scan.frame_s, config.sem.stable_for_s + config.sem.poll_s))
-    quality = None if frame is None else dic.quality(frame.image, grid, config.dic)
+    mask = None if frame is None else dic.mask_of(config.dic, (scan.height_px, scan.width_px))
+    quality = None if frame is None else dic.quality(frame.image, grid, config.dic, mask)
     gauges: tuple[GaugeNoise, ...] = ()
     mean_sigma = None
     if quality is not None and quality.usable.any():
@@ -180,7 +182,10 @@ def _scan(config: Config, frame: Frame | None) -> Scan:
 
 
 def _frame_size(config: Config) -> tuple[int, int]:
-    """Assumed (width, height) of a frame around the region of interest, px."""
+    """Assumed (width, height) of a frame, px: that of the mask, or one around the region of interest."""
+    if config.dic.mask is not None:
+        height, width = read_mask(config.dic.mask).shape
+        return width, height
     if config.dic.roi_px is None:
         return 1024, 884
     x0, y0, x1, y1 = config.dic.roi_px

@@ -9,13 +9,14 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from semlive import pipeline
+from semlive import dic, pipeline
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.errors import BadConfig, BadLog, PoorCalibration
 from semlive.estimate.method import MethodSolution
-from semlive.formats.log.messages import ResultMessage, from_json
+from semlive.formats.log.conversions import pair_decision
+from semlive.formats.log.messages import PairMessage, ResultMessage, from_json
 from semlive.service.analysis.messages import INPUT_TOPICS
 from semlive.service.analysis.step import WorkerState, background_work, process_message
 from semlive.service.config.overrides import SettingOverride, apply_overrides
@@ -218,12 +219,31 @@ def requested_settings(own: AnalysisSettings, request: ReplayRequest) -> Analysi
 
     Raises:
         BadConfig: a value is out of range, or the model has another magnification or scan.
+        BadInput: a mask has another size than the frames.
     """
     if request.method is not None and own.estimate.method != request.method:
         own = replace(own, estimate=replace(own.estimate, method=request.method))
     if request.model is not None:
         own = replace(own, model=compatible_model(OpenedLog(request.log), request.model).effect_model)
-    return apply_overrides(own, request.changes)
+    changed = apply_overrides(own, request.changes)
+    if changed.dic.mask is not None and changed.dic.mask != own.dic.mask:
+        _require_mask_size(request.log, changed)
+    return changed
+
+
+def _require_mask_size(log: Path, settings: AnalysisSettings) -> None:
+    """Verify the size of a mask before the images of the log are read.
+
+    Raises:
+        BadInput: it is not that of the frames of the log.
+    """
+    for message in messages(log):
+        if message.topic == "/pair":
+            pair = from_json(message.topic, message.payload)
+            assert isinstance(pair, PairMessage)  # by its topic
+            first = pair_decision(pair).first
+            dic.mask_of(settings.dic, (first.height_px, first.width_px))
+            return
 
 
 def _from_maps(

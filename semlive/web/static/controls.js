@@ -4,7 +4,7 @@ import { openAlarms, shownAlarm } from "./alarms.js";
 import { byId, make, say } from "./dom.js";
 import { drawQr } from "./qr.js";
 import { panel } from "./stream.js";
-import { toggleDialog } from "./views.js";
+import { openDialog, toggleDialog } from "./views.js";
 import { FINAL } from "./words.js";
 
 const KEY = "semlive token";
@@ -51,8 +51,10 @@ let settle = () => {};
 /** Ask for the token; returns whether there is one. One dialog at a time: an earlier one counts as cancelled. */
 function askToken() {
   settle(false);
-  byId("token-text").value = token();
-  byId("ask-token").showModal();
+  // What is typed already stays, if Stop is pressed meanwhile.
+  if (!byId("ask-token").open) byId("token-text").value = token();
+  openDialog("ask-token");
+  byId("token-text").focus();
   return new Promise((resolve) => { settle = resolve; });
 }
 
@@ -130,7 +132,7 @@ export async function control() {
   byId("acknowledge").addEventListener("click", () => acknowledge([shownAlarm()].filter(Boolean)));
   byId("acknowledge-all").addEventListener("click", () => acknowledge(openAlarms()));
   for (const button of document.querySelectorAll("[data-say]")) {
-    button.addEventListener("click", () => (button.dataset.say === "abort" ? byId("ask-abort").showModal() : ask({ say: button.dataset.say })));
+    button.addEventListener("click", () => (button.dataset.say === "abort" ? openDialog("ask-abort") : ask({ say: button.dataset.say })));
   }
   // Its submit, not the dialog's close: that comes later, and after a quick "Continue" and "Abort…" it would answer the second question.
   byId("ask-abort").addEventListener("submit", ({ submitter }) => submitter?.value === "yes" && ask({ say: "abort" }));

@@ -34,6 +34,16 @@ export function drawMap(pen, view, grid, values, style) {
   pen.restore();
 }
 
+/** Lay the mask, which moves with the specimen, over the image. */
+export function drawMask(pen, view, placed, bitmap) {
+  pen.save();
+  pen.beginPath();
+  pen.rect(view.left, view.top, view.width, view.height);
+  pen.clip();
+  pen.drawImage(bitmap, placed.left, placed.top, placed.width, placed.height);
+  pen.restore();
+}
+
 /** Draw the points, thinned so that they stay apart, and the outline of their subsets. Returns every how many points one is drawn. */
 export function drawGrid(pen, view, grid, fine) {
   const [, , step, nx, ny, subset] = grid;

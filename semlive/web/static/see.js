@@ -3,8 +3,8 @@
 import { COLOUR_MAPS, automaticRange } from "./colours.js";
 import { byId, make, onColours, recall, remember, say } from "./dom.js";
 import { FIELDS, available, fieldOf } from "./fields.js";
-import { newestImage } from "./image.js";
-import { barLabels, barPicture, drawBar, drawGrid, drawMap, drawProbe, drawScaleBar, fit } from "./overlay.js";
+import { imageOf, maskOf, newestImage } from "./image.js";
+import { barLabels, barPicture, drawBar, drawGrid, drawMap, drawMask, drawProbe, drawScaleBar, fit } from "./overlay.js";
 import { probe } from "./probe.js";
 import { picture, saves } from "./save.js";
 import { panel } from "./stream.js";
@@ -17,13 +17,21 @@ export function see() {
   const canvas = byId("map"), slider = byId("map-frame"), select = byId("map-field");
   let maps = { frames: [], grid: null }, gauges = new Map(), pixelUm = null, scanSize = null;
   let image = null, every = 1;
+  // The image of the frame whose map is shown, while an earlier frame is chosen; otherwise the newest image.
+  let own = null, mask = null;
   let newest = true, wanted = "eyy", key = "";
   // Values, frame and field are set together when all have arrived, so that no map has the name of another.
   let shown = null, range = [0, 1];
-  const measure = probe(canvas, { changed: draw, context: () => shown && maps.grid && { ...shown, grid: maps.grid, pixelUm, view: viewNow(), picture: saved } });
+  const measure = probe(canvas, { changed: draw, context: () => shown && maps.grid && { ...shown, grid: maps.grid, pixelUm, view: mapView(), picture: saved } });
 
-  const size = () => image?.size ?? scanSize ?? (maps.grid ? [maps.grid[0] * 2 + maps.grid[2] * (maps.grid[3] - 1), maps.grid[1] * 2 + maps.grid[2] * (maps.grid[4] - 1)] : [4, 3]);
+  const below = () => own ?? image;
+  const size = () => below()?.size ?? scanSize ?? (maps.grid ? [maps.grid[0] * 2 + maps.grid[2] * (maps.grid[3] - 1), maps.grid[1] * 2 + maps.grid[2] * (maps.grid[4] - 1)] : [4, 3]);
   const viewNow = () => fit(canvas, size());
+  /** Where the points of frame 0 are in the image below: in the image of a frame they are moved with the specimen. */
+  const mapView = () => {
+    const view = viewNow(), [u, v] = (own && shown?.entry.shift_px) || [0, 0];
+    return { ...view, left: view.left + view.scale * u, top: view.top + view.scale * v };
+  };
   const frame = () => maps.frames[Number(slider.value)];
   const fine = () => Math.max(1, devicePixelRatio);
 
@@ -36,14 +44,16 @@ export function see() {
     byId("frame-back").disabled = Number(slider.value) === 0;
     byId("frame-on").disabled = slider.value === slider.max;
     const other = maps.frames.find((each) => each.frame === (one.frame ^ 1));
-    const asked = `${one.frame}/${name}/${one.version}/${other?.version}/${gauges.get(one.frame)}`;
+    const alone = !newest && one.image;
+    const asked = `${one.frame}/${name}/${one.version}/${other?.version}/${gauges.get(one.frame)}/${alone}`;
     if (!there || asked === key) return;
     key = asked;
-    const field = await fieldOf(name, one, maps.frames, gauges.get(one.frame));
+    const [field, taken] = await Promise.all([fieldOf(name, one, maps.frames, gauges.get(one.frame)), alone ? imageOf(one.frame) : null]);
     if (asked !== key) return;
     if (field === null) { key = ""; return; }
     shown = { ...field, name, entry: one };
-    draw();
+    own = taken;
+    redraw();
     measure.update();
   }
 
@@ -51,26 +61,27 @@ export function see() {
 
   function draw() {
     const stage = byId("stage"), width = Math.round(stage.clientWidth * fine()), height = Math.round(stage.clientHeight * fine());
-    byId("map-none").hidden = Boolean(image) || maps.frames.length > 0;
+    byId("map-none").hidden = Boolean(below()) || maps.frames.length > 0;
     if (width < 20 || height < 20) return;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-    const pen = canvas.getContext("2d"), view = viewNow();
+    const pen = canvas.getContext("2d"), view = viewNow(), placed = mapView();
     pen.clearRect(0, 0, width, height);
-    if (image) pen.drawImage(image.bitmap, view.left, view.top, view.width, view.height);
+    if (below()) pen.drawImage(below().bitmap, view.left, view.top, view.width, view.height);
+    if (mask && byId("mask-on").checked) drawMask(pen, view, placed, mask);
     const usable = shown && maps.grid && shown.values.length === maps.grid[3] * maps.grid[4];
     byId("scale").hidden = !usable;
     if (usable) {
       setRange();
-      drawMap(pen, view, maps.grid, shown.values, style());
+      drawMap(pen, placed, maps.grid, shown.values, style());
       drawBar(byId("bar"), style().map);
       const { scale, unit } = FIELDS[shown.name], labels = barLabels(range.map((value) => scale * value), unit);
       byId("bar-labels").replaceChildren(...labels.map((label) => make("span", {}, label)));
       byId("bar").setAttribute("aria-label", `Colours from ${labels[2]} to ${labels[0]}`);
     }
-    if (maps.grid && byId("grid-dots").checked) every = drawGrid(pen, view, maps.grid, fine());
-    if (usable) drawProbe(pen, view, maps.grid, measure.tool(), ...measure.ends(), fine());
-    if (image || maps.grid) drawScaleBar(pen, view, pixelUm, fine());
-    canvas.setAttribute("aria-label", `${image ? "Newest image" : "No image"}${usable ? `, with the map: ${byId("map-now").textContent}` : ""}`);
+    if (maps.grid && byId("grid-dots").checked) every = drawGrid(pen, placed, maps.grid, fine());
+    if (usable) drawProbe(pen, placed, maps.grid, measure.tool(), ...measure.ends(), fine());
+    if (below() || maps.grid) drawScaleBar(pen, view, pixelUm, fine());
+    canvas.setAttribute("aria-label", `${own ? `Image of frame ${own.frame}` : image ? "Newest image" : "No image"}${usable ? `, with the map: ${byId("map-now").textContent}` : ""}`);
   }
 
   /** The range of colours: as entered, or automatic. */
@@ -83,11 +94,12 @@ export function see() {
   }
 
   function about() {
-    if (!image) return;
+    if (!below()) return;
     const { grid } = maps, points = grid ? `, grid of ${grid[3]} × ${grid[4]} points${byId("grid-dots").checked && every > 1 ? `, one in ${every} drawn` : ""}, subset ${grid[5]} px` : "";
     const pixel = pixelUm ? `, ${plain(pixelUm)} µm per px` : "";
-    const map = shown ? `; map: ${FIELDS[shown.name].label}, frame ${shown.entry.frame}, drawn at the points of frame 0` : "";
-    say(byId("frame-now"), `${image.name}, ${image.size[0]} × ${image.size[1]} px${points}${pixel}${map}`);
+    const place = own ? "moved with the specimen" : "drawn at the points of frame 0";
+    const map = shown ? `; map: ${FIELDS[shown.name].label}, frame ${shown.entry.frame}, ${place}` : "";
+    say(byId("frame-now"), `${own ? `image of frame ${own.frame}` : image.name}, ${size()[0]} × ${size()[1]} px${points}${pixel}${map}`);
   }
 
   function redraw() { draw(); about(); }
@@ -105,7 +117,7 @@ export function see() {
   select.addEventListener("change", () => { wanted = select.value; byId("range-low").value = byId("range-high").value = ""; load(); });
   byId("colour-map").replaceChildren(...Object.entries(COLOUR_MAPS).map(([value, label]) => make("option", { value, selected: value === recall(COLOURS, "viridis") }, label)));
   byId("colour-map").addEventListener("change", () => remember(COLOURS, style().map));
-  for (const id of ["colour-map", "opacity", "range-low", "range-high", "grid-dots"]) byId(id).addEventListener("input", redraw);
+  for (const id of ["colour-map", "opacity", "range-low", "range-high", "grid-dots", "mask-on"]) byId(id).addEventListener("input", redraw);
   let opacity = "70";
   onKey("o", () => {
     const control = byId("opacity");
@@ -117,6 +129,8 @@ export function see() {
   panel(["maps", "scan", "run", "strength"], ({ maps: now, scan, run, strength }) => {
     pixelUm = scan?.pixel_um ?? run?.pixel_um ?? null;
     scanSize = scan?.size_px ?? null;
+    if (run) byId("mask-row").hidden = !run.mask;
+    if (run?.mask && !mask) maskOf().then((bitmap) => { mask = bitmap; draw(); });
     if (strength) gauges = new Map(strength.points.map((one) => [one.frame, one.gauge_sigma]));
     if (!now) return;
     maps = now;
@@ -140,7 +154,7 @@ export function see() {
 
   /** The image with the map, colour bar and texts. */
   function saved() {
-    const title = shown ? `${FIELDS[shown.name].label}, frame ${shown.entry.frame}` : "newest image", labels = [...byId("bar-labels").children].map((label) => label.textContent);
+    const title = shown ? `${FIELDS[shown.name].label}, frame ${shown.entry.frame}` : own ? `image of frame ${own.frame}` : "newest image", labels = [...byId("bar-labels").children].map((label) => label.textContent);
     return picture(canvas, title, [byId("map-now").textContent, byId("frame-now").textContent], shown ? barPicture(style().map, labels, canvas.height, fine()) : null);
   }
 

@@ -19,11 +19,18 @@ const actions = new Map();
 /** Do something at a key, outside of text fields. */
 export const onKey = (key, act) => actions.set(key, act);
 
-/** Open or close a dialog that leaves the rest of the page usable. */
+const dialogs = () => document.querySelectorAll("dialog[open]");
+
+/** Open a dialog and close the others. No dialog is modal: the rest of the page stays usable, above all Stop. */
+export function openDialog(id) {
+  for (const other of dialogs()) if (other.id !== id) other.close();
+  byId(id).show();
+}
+
+/** Open or close a dialog. */
 export function toggleDialog(id) {
-  const dialog = byId(id);
-  if (dialog.open) dialog.close();
-  else dialog.show();
+  if (byId(id).open) byId(id).close();
+  else openDialog(id);
 }
 
 function pressed(event) {
@@ -52,7 +59,7 @@ export function views() {
 
   byId("help").addEventListener("click", () => toggleDialog("keys"));
   onKey("?", () => toggleDialog("keys"));
-  addEventListener("keydown", (event) => event.key === "Escape" && document.querySelectorAll("dialog.side[open]").forEach((dialog) => dialog.close()));
+  addEventListener("keydown", (event) => event.key === "Escape" && dialogs().forEach((dialog) => dialog.close()));
   byId("keys-on").checked = recall(KEYS, "on") === "on";
   byId("keys-on").addEventListener("change", () => remember(KEYS, byId("keys-on").checked ? "on" : "off"));
   addEventListener("keydown", pressed);

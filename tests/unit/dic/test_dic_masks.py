@@ -72,3 +72,19 @@ def test_all_masked_is_no_error(lab, scene):
 def test_a_mask_of_another_size_is_bad_input(lab, scene):
     with pytest.raises(BadInput, match="the mask is 10 x 20 px but the frame 300 x 260 px: give a mask of its size"):
         correlate(lab.expose(scene()), lab.expose(scene()), np.ones((20, 10), dtype=bool))
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (12, -7), (-9, 20)])
+def test_a_mask_follows_the_specimen_into_another_frame(lab, scene, mask, shift):
+    dx, dy = shift
+    first, second = lab.expose(scene(), 3.0, 1), lab.expose(scene(lab.Affine(u=float(dx), v=float(dy))), 3.0, 2)
+    reference, _ = correlate(first, second, mask)
+    moved = dic.moved_mask(mask, reference, second)
+    inner = moved[30:-30, 60:-30]
+    assert np.array_equal(inner, mask[30 - dy : 230 - dy, 60 - dx : 270 - dx])
+
+
+def test_a_mask_stays_in_a_frame_in_which_the_specimen_is_not_found(lab, scene, mask):
+    first = lab.expose(scene(), 3.0, 1)
+    reference, _ = correlate(first, first, mask)
+    assert np.array_equal(dic.moved_mask(mask, reference, np.full_like(first, 7)), mask)

@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -26,6 +27,7 @@ from semlive.formats.log.messages import (
     to_json,
 )
 from semlive.formats.log.reader import LogMessage
+from semlive.inputs.mask_file import embedded_mask
 from semlive.service.analysis.messages import is_output
 from semlive.service.analysis.step import WorkerState, process_message
 from semlive.service.config.configuration import parse_config
@@ -76,13 +78,13 @@ class _Now:
         return Clock(END_NS, END_NS)
 
 
-def logged(tmp_path: Path, *files: ExportedFile) -> list[LogMessage]:
+def logged(tmp_path: Path, *files: ExportedFile, given: dict[str, Any] = CONFIG) -> list[LogMessage]:
     """The log of a run in which these files arrived."""
     shutil.rmtree(tmp_path / "run", ignore_errors=True)
     (tmp_path / "run").mkdir()
     recorder = Recorder(tmp_path / "run" / "run.000.mcap", _Now(), lambda _: None)
     journal = RunLog(recorder)
-    config = parse_config(CONFIG, "here").model_dump(mode="json")
+    config = parse_config(given, "here").model_dump(mode="json")
     journal.write_message(RunMessage(run="run", started_time_ns=END_NS, host="here", versions={}, config=config))
     for file in files:
         journal.file(file)
@@ -159,3 +161,12 @@ def test_clock_offsets_reported_by_analysis_count_as_its_own_in_a_resumed_run(tm
     assert all(is_output(item) for item in outputs)
     requests = ClockOffsetMessage(clock="share", offset_s=0.0, sigma_s=0.1, files=0, export=None, reason="a file was written to it")
     assert not is_output(LogMessage("/clock/offset", 1, 1, 0, to_json(requests)))
+
+
+def test_a_frame_of_another_size_than_the_mask_is_refused_before_a_pair_is_formed(tmp_path: Path) -> None:
+    mask = cv2.imencode(".png", np.eye(80, dtype=np.uint8) * 255)[1].tobytes()
+    config = {**CONFIG, "dic": {"subset_px": 21, "roi_px": None, "mask": embedded_mask(mask, "mask.png")}}
+    log = logged(tmp_path, exported(0, product(1)), given=config)
+    (refused,) = (message for message in analysed(log) if isinstance(message, FileMessage))
+    assert refused.decision == "refused"
+    assert "the mask is 80 x 80 px but the frame 64 x 48 px" in refused.reason
