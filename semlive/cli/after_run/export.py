@@ -11,6 +11,7 @@ import typer
 from semlive.cli.after_run.replay import EstimationMethod
 from semlive.cli.shared.output_path import output_file, output_folder
 from semlive.cli.shared.progress_bar import multi_stage_progress
+from semlive.cli.shared.terminal import echo
 from semlive.errors import BadInput
 from semlive.report.export import DESCRIBED, ONE_FILE, Deposit, Format, export_log, read_deposit
 from semlive.service.config.overrides import parse_changes
@@ -37,7 +38,7 @@ def export(
     if describe is not None and kind not in DESCRIBED:
         raise BadInput(f"--describe: {kind.value} contains no description; it is for --format {' and '.join(sorted(DESCRIBED))}")
     deposit = Deposit() if describe is None else read_deposit(describe)
-    missing = deposit.missing if kind in DESCRIBED else ()
+    missing, invalid_without = (deposit.missing, deposit.invalid_without) if kind in DESCRIBED else ((), ())
     (output_file if kind in ONE_FILE else output_folder)(out, "--out")
     images = from_images or any(change.of_images for change in changes)
     source = Source.IMAGES if images else Source.DISPARITY
@@ -45,8 +46,10 @@ def export(
         request = ReplayRequest(log, method.value if method else None, changes, source, until)
         replayed = export_log(request, kind, out, progress, deposit=deposit)
     frames = [summary.frame for summary in replayed.result.summaries]
+    if invalid_without:
+        echo(f"warning: the NeXus file is not valid NXem without {', '.join(invalid_without)}; add it to a file for --describe", err=True)
     if as_json:
-        described = {"missing": list(missing)} if kind in DESCRIBED else {}
+        described = {"missing": list(missing), "invalid_without": list(invalid_without)} if kind in DESCRIBED else {}
         typer.echo(json.dumps({"out": str(out), "format": kind.value, "frames": frames, **described}))
     else:
         typer.echo(f"{out}: {len(frames)} frames")

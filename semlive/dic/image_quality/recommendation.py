@@ -117,7 +117,7 @@ def _candidates(image: Image, mask: Mask | None, settings: DicSettings, max_subs
             return
         step_px = max((min(height, width) - subset_px) // POINTS_PER_EDGE, 1)
         sized = replace(settings, subset_px=subset_px, step_px=step_px)
-        yield quality(image, grid_for(sized, width, height), sized, mask)
+        yield quality(image, grid_for(sized, width, height), sized, mask=mask)
 
 
 def _subset(image: Image, mask: Mask | None, settings: DicSettings, max_subset_px: float) -> tuple[PatternQuality, str]:

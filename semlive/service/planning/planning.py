@@ -135,7 +135,7 @@ def plan_experiment(
     grid = dic.grid_for(config.dic, scan.width_px, scan.height_px)
     times = schedule(plan, TimingAssumptions(scan.frame_s, config.sem.stable_for_s + config.sem.poll_s))
     mask = None if frame is None else dic.mask_of(config.dic, (scan.height_px, scan.width_px))
-    quality = None if frame is None else dic.quality(frame.image, grid, config.dic, mask)
+    quality = None if frame is None else dic.quality(frame.image, grid, config.dic, mask=mask)
     gauges: tuple[GaugeNoise, ...] = ()
     mean_sigma = None
     if quality is not None and quality.usable.any():

@@ -38,8 +38,10 @@ description: Seven load steps.
 licence: CC-BY-4.0
 keywords: [DIC, SEM]
 published: "2026-11-26"
+program_address: https://example.org/semlive
 people:
-  - {name: Ada Lovelace, orcid: 0000-0002-1825-0097, affiliation: Example University, role: operator}
+  - {name: Ada Lovelace, orcid: 0000-0002-1825-0097, affiliation: Example University,
+     affiliation_address: "https://example.org", role: operator}
   - {name: Charles Babbage}
 instrument: {name: SEM 2, location: Example University, vendor: FEI, model: Quanta 600, serial_number: D9033, emitter_type: schottky}
 sample:
@@ -223,7 +225,9 @@ def test_every_reference_of_the_crate_leads_to_an_entity(graph: dict[str, dict[s
 
 def test_crate_without_description_contains_no_licence(semlive: Semlive, short: Path, tmp_path: Path) -> None:
     code, printed, err = semlive("export", short, "--format", "ro-crate", "-o", tmp_path / "crate", "--until", "0", "--json")
-    assert (code, err) == (0, "")
+    assert code == 0
+    assert err == "warning: the NeXus file is not valid NXem without sample.preparation_date; add it to a file for --describe\n"
+    assert json.loads(printed)["invalid_without"] == ["sample.preparation_date"]
     assert json.loads(printed)["missing"] == [
         "licence", "people", "instrument.emitter_type", "sample.atom_types", "sample.preparation_date"
     ]  # fmt: skip
@@ -231,9 +235,18 @@ def test_crate_without_description_contains_no_licence(semlive: Semlive, short: 
     assert entities[entities["./"]["license"]["@id"]]["description"] == NO_LICENCE
 
 
+def test_crate_has_what_its_profiles_recommend_of_programs_and_institutions(graph: dict[str, dict[str, Any]]) -> None:
+    recommended = [entity for entity in graph.values() if entity["@type"] in ("SoftwareApplication", "Organization")]
+    assert len(recommended) == 3
+    for entity in recommended:
+        assert entity["@id"].startswith("https://example.org")
+        assert entity["url"].startswith("https://example.org")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("people: [{name: A, affiliation: B, affiliation_address: here}]", "line 1: people.0.affiliation_address"),
         ("licens: MIT", "line 1: licens: did you mean licence; correct it"),
         ("people:\n  - {name: A, orcid: 12}", "line 2: people.0.orcid"),
         ("sample: {preparation_date: 2026-11-01T10:00:00}", "line 1: sample.preparation_date"),

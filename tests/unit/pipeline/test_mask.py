@@ -22,7 +22,7 @@ from semlive.inputs.mask_file import embedded_mask
 
 WIDTH, HEIGHT, MARGIN = 200, 160, 40
 HOLE = np.s_[60:100, 70:130]
-SHIFTS = ((0, 0), (14, -10))
+SHIFTS = ((0, 0), (10, -10))
 
 
 def mask_text(width: int = WIDTH, height: int = HEIGHT) -> str:
@@ -31,7 +31,7 @@ def mask_text(width: int = WIDTH, height: int = HEIGHT) -> str:
     return embedded_mask(cv2.imencode(".png", image)[1].tobytes(), "mask.png")
 
 
-SETTINGS = AnalysisSettings(dic=DicSettings(subset_px=21, step_px=10, roi_px=(20, 20, 180, 140), method="subset"))
+SETTINGS = AnalysisSettings(dic=DicSettings(subset_px=21, step_px=10, roi_px=(30, 30, 170, 130), method="subset"))
 MASKED = replace(SETTINGS, dic=replace(SETTINGS.dic, mask=mask_text()))
 
 

@@ -18,6 +18,7 @@ UNKNOWN = "unknown"
 NO_LICENCE = "The owner of these data has not chosen a licence yet: give `licence` in the file of --describe."
 
 Text = Annotated[str, AfterValidator(str.strip), Field(min_length=1)]
+Address = Annotated[str, Field(pattern=r"^https?://\S+$")]
 Orcid = Annotated[str, Field(pattern=r"^\d{4}-\d{4}-\d{4}-\d{3}[\dX]$")]
 
 
@@ -28,6 +29,7 @@ class Person(Section):
         name: full name.
         orcid: identifier as in ``0000-0002-1825-0097``.
         affiliation: institution.
+        affiliation_address: web address of the institution, as in ``https://ror.org/...``.
         email: address.
         role: task in the experiment.
     """
@@ -35,6 +37,7 @@ class Person(Section):
     name: Text
     orcid: Orcid | None = None
     affiliation: Text | None = None
+    affiliation_address: Address | None = None
     email: Text | None = None
     role: Text | None = None
 
@@ -90,6 +93,7 @@ class Deposit(Section):
         licence: address of the licence, or its SPDX identifier as in ``CC-BY-4.0``.
         keywords: keywords.
         published: date of the publication; by default today.
+        program_address: web address from which semlive was obtained, for example of its repository.
         people: persons; the first is the author.
         instrument: the microscope.
         sample: the specimen.
@@ -100,6 +104,7 @@ class Deposit(Section):
     licence: Text | None = None
     keywords: tuple[Text, ...] = ()
     published: Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\d$")] | None = None
+    program_address: Address | None = None
     people: tuple[Person, ...] = ()
     instrument: Instrument = Instrument()
     sample: Sample = Sample()
@@ -115,6 +120,11 @@ class Deposit(Section):
             "sample.preparation_date": self.sample.preparation_date,
         }
         return tuple(key for key, value in given.items() if not value)
+
+    @property
+    def invalid_without(self) -> tuple[str, ...]:
+        """Keys without a value without which a NeXus file is not valid NXem."""
+        return () if self.sample.preparation_date else ("sample.preparation_date",)
 
     @property
     def date(self) -> str:

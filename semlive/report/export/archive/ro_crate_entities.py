@@ -46,7 +46,8 @@ def crate(metadata: RunMetadata, files: Sequence[HashedFile]) -> Entity:
     licence = _licence(deposit.licence)
     measured = list(_measured(metadata))
     subjects = [_sample(metadata, deposit), _microscope(metadata, provenance)]
-    actions = _actions(metadata, files, people)
+    programs = list(_programs(provenance))
+    actions = _actions(metadata, files, people, programs)
     root = {
         "@id": "./",
         "@type": "Dataset",
@@ -76,7 +77,7 @@ def crate(metadata: RunMetadata, files: Sequence[HashedFile]) -> Entity:
             *organisations,
             *subjects,
             *actions,
-            *_programs(provenance),
+            *programs,
             *measured,
             {"@id": _PROCESS, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
             {"@id": _NXEM, "@type": "WebSite", "name": "NeXus application definition NXem"},
@@ -99,8 +100,11 @@ def _file(file: HashedFile) -> Entity:
     }
 
 
-def _actions(metadata: RunMetadata, files: Sequence[HashedFile], people: Sequence[Entity]) -> tuple[Entity, Entity]:
-    """Return the recording of the run, and its analysis."""
+def _actions(
+    metadata: RunMetadata, files: Sequence[HashedFile], people: Sequence[Entity], programs: Sequence[Entity]
+) -> tuple[Entity, Entity]:
+    """Return the recording of the run, and its analysis; `programs` begins with the programs of analysis and recording."""
+    analysing, recording_program = (_reference(program) for program in programs[:2])
     infos = frame_infos(metadata).values()
     entities = [(file.name.startswith("log/"), {"@id": _path(file.name)}) for file in files]
     log = _references([entity for is_log, entity in entities if is_log])
@@ -113,7 +117,7 @@ def _actions(metadata: RunMetadata, files: Sequence[HashedFile], people: Sequenc
         "description": "Loading of the specimen in the microscope, with pairs of images at each load.",
         "startTime": _seconds(min(info.start_time_ns.value for info in infos)),
         "endTime": _seconds(max(info.end_time_ns for info in infos)),
-        "instrument": {"@id": "#semlive-recording"},
+        "instrument": recording_program,
         "result": log,
         **agent,
     }
@@ -123,7 +127,7 @@ def _actions(metadata: RunMetadata, files: Sequence[HashedFile], people: Sequenc
         "name": "Analysis of the log",
         "description": f"Drift, distortion, displacement and strain by the method {metadata.result_json['method']}.",
         "endTime": datetime.now(UTC).isoformat(timespec="seconds"),
-        "instrument": {"@id": "#semlive"},
+        "instrument": analysing,
         "object": log,
         "result": results,
         **agent,
@@ -133,14 +137,16 @@ def _actions(metadata: RunMetadata, files: Sequence[HashedFile], people: Sequenc
 
 def _programs(provenance: ExportProvenance) -> Iterable[Entity]:
     recorded = provenance.versions.get("semlive", "unknown")
-    for key, version in (("#semlive", provenance.semlive), ("#semlive-recording", recorded)):
+    address = provenance.deposit.program_address
+    for key, version in (("semlive", provenance.semlive), ("semlive-recording", recorded)):
         yield {
-            "@id": key,
+            "@id": f"{address or ''}#{key}",
             "@type": "SoftwareApplication",
             "name": "semlive",
             "description": "Live drift- and distortion-corrected strain measurement inside a scanning electron microscope.",
             "version": version,
             "license": {"@id": "https://spdx.org/licenses/BSD-3-Clause"},
+            **({"url": address} if address else {}),
         }
     yield {"@id": "https://spdx.org/licenses/BSD-3-Clause", "@type": "CreativeWork", "name": "BSD 3-Clause License"}
 
@@ -195,19 +201,22 @@ def _person(person: Person, number: int) -> Entity:
         "@type": "Person",
         "name": person.name,
         "email": person.email,
-        "affiliation": None if person.affiliation is None else {"@id": _organisation_id(person.affiliation)},
+        "affiliation": None if person.affiliation is None else {"@id": _organisation_id(person.affiliation, person.affiliation_address)},
         "description": person.role,
     }
     return {key: value for key, value in entity.items() if value is not None}
 
 
 def _affiliations(people: Iterable[Person]) -> list[Entity]:
-    names = dict.fromkeys(person.affiliation for person in people if person.affiliation is not None)
-    return [{"@id": _organisation_id(name), "@type": "Organization", "name": name} for name in names]
+    named = dict.fromkeys((person.affiliation, person.affiliation_address) for person in people if person.affiliation is not None)
+    return [
+        {"@id": _organisation_id(name, address), "@type": "Organization", "name": name, **({"url": address} if address else {})}
+        for name, address in named
+    ]
 
 
-def _organisation_id(name: str) -> str:
-    return f"#organisation-{quote(name, safe='')}"
+def _organisation_id(name: str, address: str | None) -> str:
+    return address or f"#organisation-{quote(name, safe='')}"
 
 
 def _licence(licence: str | None) -> Entity:
