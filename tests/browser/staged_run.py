@@ -28,6 +28,7 @@ from semlive.data.loading import FrameLoad, MotionState
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.strain import Displacement, MeasuredValue, StrainField, Tensor2
 from semlive.engine import OperatorCommand
+from semlive.formats.log.foxglove import SEM_IMAGE, compressed_image
 from semlive.formats.log.maps import encode_displacement, encode_map, encode_strain
 from semlive.formats.log.messages import (
     DIC_MAP,
@@ -50,6 +51,7 @@ from semlive.formats.log.messages import (
     StrainMessage,
     topic_of,
 )
+from semlive.inputs.mask_file import embedded_mask
 from semlive.service.control.socket import SocketAddress, token_digest
 from semlive.service.log.files import segment_path
 from semlive.service.log.recording import Recorder
@@ -62,7 +64,18 @@ LOADS_N = (200.0, 500.0, 800.0, 1100.0)
 STEP_S, SCAN_S, HOLD_S = 240.0, 80.0, 60.0
 WIDTH_PX, HEIGHT_PX, AREA_MM2, MODULUS_GPA = 640, 480, 10.0, 70.0
 GRID = Grid(60, 60, 10, 53, 37, 41)
+HOLE_PX = (500, 120, 36)
+"""Centre and radius of a hole of the specimen, which the mask excludes."""
+
+
+def hole_mask() -> NDArray[np.uint8]:
+    """(height, width) 0 in the hole."""
+    x, y, radius = HOLE_PX
+    return cv2.circle(np.full((HEIGHT_PX, WIDTH_PX), 255, dtype=np.uint8), (x, y), radius, 0.0, -1).astype(np.uint8)
+
+
 CONFIG: dict[str, Any] = {
+    "dic": {"mask": embedded_mask(cv2.imencode(".png", hole_mask())[1].tobytes(), "hole.png")},
     "sem": {
         "folder": ".",
         "pixel_size_um": 0.5,
@@ -186,6 +199,8 @@ class StagedRun:
             u, v = displacements(exx, eyy)
             sigma, valid = np.full_like(u, 0.012), np.ones(u.shape, dtype=bool)
             valid[:2, :3] = False
+            x, y = GRID.mesh()
+            valid[np.hypot(x - HOLE_PX[0], y - HOLE_PX[1]) < HOLE_PX[2] + 5] = False
             status = np.where(valid, PoiStatus.CONVERGED, PoiStatus.LOW_ZNCC).astype(np.uint8)
             drifted = 0.05 * frame
             if frame:
@@ -195,6 +210,7 @@ class StagedRun:
             moved = Displacement(frame, GRID, u + noise, v - noise, sigma, sigma, valid)
             self.recorder.write(DISPLACEMENT_FIELD, encode_displacement(moved), self._at(end), frame)
             self.recorder.write(STRAIN_FIELD, encode_strain(StrainField(frame, GRID, 9, exx, eyy, exy, valid)), self._at(end), frame)
+            self.recorder.write(SEM_IMAGE, compressed_image(speckle(), self._at(end), f"frame {frame}"), self._at(end), frame)
             spread = Tensor2(9e-5, 9e-5, 6e-5)
             mean = Tensor2(-0.33 * axial, axial, 0.0)
             strain = StrainMessage(

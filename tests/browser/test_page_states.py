@@ -115,6 +115,7 @@ def looked_at(page: Page, run: StagedRun, readable: Callable[[Page], None], fold
     assert download.value.suggested_filename == "al-5754-tension_stress.csv"
     assert page.evaluate(LAYOUT, list(NEEDED)) == []
     readable(page)
+    with_its_own_image(page)
     page.keyboard.press("3")
     expect(page.locator("#log li").first).to_contain_text("→ holding")
     page.keyboard.press("d")
@@ -132,6 +133,24 @@ def looked_at(page: Page, run: StagedRun, readable: Callable[[Page], None], fold
     page.keyboard.press("Escape")
     expect(page.locator("#qr")).to_be_hidden()
     page.keyboard.press("1")
+
+
+def with_its_own_image(page: Page) -> None:
+    """An earlier frame is shown with its own image and the mask at its place; the newest again with the newest image."""
+    below, canvas = page.locator("#frame-now"), page.locator("#map")
+    expect(below).to_contain_text("drawn at the points of frame 0")
+    page.keyboard.press("[")
+    expect(below).to_contain_text("image of frame 6, 640 × 480 px")
+    expect(below).to_contain_text("frame 6, moved with the specimen")
+    expect(canvas).to_have_attribute("aria-label", re.compile("^Image of frame 6, with the map: .*, frame 6"))
+    shaded = canvas.evaluate("(map) => map.toDataURL()")
+    page.get_by_label("shade the mask").uncheck()
+    assert canvas.evaluate("(map) => map.toDataURL()") != shaded
+    page.get_by_label("shade the mask").check()
+    assert canvas.evaluate("(map) => map.toDataURL()") == shaded
+    assert page.evaluate(LAYOUT, list(NEEDED)) == []
+    page.keyboard.press("]")
+    expect(below).to_contain_text("drawn at the points of frame 0")
 
 
 def stopped_from_a_phone(run: StagedRun, tab: Callable[..., Any]) -> None:

@@ -1,0 +1,56 @@
+"""Smaller SVG files: the same pixels, and each image stored once."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from semlive.report.style import figure_bytes
+from semlive.report.svg_images import compact_svg, palette_png
+
+
+def png(pixels: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, format="png")
+    return stream.getvalue()
+
+
+def rgba(data: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGBA"))
+
+
+@pytest.mark.parametrize("opacities", [1, 3])
+def test_few_colours_become_a_palette_with_the_same_pixels(opacities: int) -> None:
+    rng = np.random.default_rng(1)
+    table = np.column_stack([rng.integers(0, 256, (80, 3)), 255 - 85 * rng.integers(0, opacities, 80)]).astype(np.uint8)
+    pixels = table[rng.integers(0, 80, (60, 50))]
+    small = palette_png(png(pixels))
+    assert np.array_equal(rgba(small), pixels)
+    assert len(small) < 0.5 * len(png(pixels))
+
+
+def test_many_colours_stay_as_they_are() -> None:
+    data = png(np.random.default_rng(1).integers(0, 256, (60, 50, 4), dtype=np.uint8))
+    assert palette_png(data) == data
+
+
+def test_an_image_under_several_maps_is_stored_once() -> None:
+    figure, values = Figure(figsize=(4.0, 2.0)), np.random.default_rng(1).normal(size=(40, 50))
+    for axes in figure.subplots(1, 2):
+        axes.imshow(values, cmap="gray", interpolation="none")
+        axes.imshow(values[:20], cmap="cividis", alpha=0.85, interpolation="none")
+    svg = figure_bytes(figure, "svg").decode()
+    assert svg.count("<image ") == 2
+    assert svg.count('<use xlink:href="#shared') == 4
+    images = [rgba(base64.b64decode(data)) for data in re.findall(r"data:image/png;base64,([^\"]+)", svg)]
+    assert len(np.unique(images[0].reshape(-1, 4), axis=0)) > 100
+
+
+def test_a_drawing_without_images_is_not_changed() -> None:
+    assert compact_svg('<svg><path d="M 0 0"/></svg>') == '<svg><path d="M 0 0"/></svg>'
