@@ -47,16 +47,21 @@ class Demo:
 
     folder: Path
     printed_text: str
+    printed_json: dict[str, Any]
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
     folder = tmp_path_factory.mktemp("short") / "demo"
     done = subprocess.run(
-        [sys.executable, "-m", "semlive", "demo", "--short", "--out", str(folder)], capture_output=True, text=True, timeout=550, check=False
+        [sys.executable, "-m", "semlive", "demo", "--short", "--json", "--out", str(folder)],
+        capture_output=True,
+        text=True,
+        timeout=550,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    return Demo(folder, " ".join(done.stdout.split()))
+    return Demo(folder, " ".join(done.stderr.split()), json.loads(done.stdout))
 
 
 @pytest.mark.timeout(600)
@@ -64,6 +69,8 @@ def test_the_short_demo_runs_to_its_table(demo: Demo) -> None:
     for words in ("recovered and true values", "Young's modulus", "Poisson's ratio", "report.html"):
         assert words in demo.printed_text
     scores = json.loads((demo.folder / "score.json").read_text(encoding="utf-8"))
+    paths = {"folder": str(demo.folder), "log": str(demo.folder / "log" / "demo"), "report": str(demo.folder / "report.html")}
+    assert demo.printed_json == {**paths, "score": scores}
     assert abs(scores["Young's modulus"]["error"]) < 0.03 * 71.1
     assert abs(scores["Poisson's ratio"]["error"]) < 0.02
     assert scores["drift within the worst frame, rms error"]["value"] < 0.02

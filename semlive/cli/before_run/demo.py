@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import json
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,9 +31,10 @@ def demo(
         bool,
         typer.Option("--operator", help="Rehearsal: you answer the questions, here or on the page; the simulator obeys."),
     ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object; all other output goes to standard error.")] = False,
 ) -> None:
     """Run a simulated in-situ tensile experiment through the daemon and compare the result with the truth."""
-    began, console = time.monotonic(), Console()
+    began, console = time.monotonic(), Console(stderr=as_json)
     folder = (out or Path("runs") / f"demo-{datetime.datetime.now(datetime.UTC):%Y%m%d-%H%M%S}").resolve()
     output_folder(folder, "--out")
     if folder.exists() and any(folder.iterdir()):
@@ -52,8 +54,10 @@ def demo(
         raise SemliveError(f"the daemon ended with exit code {code}; its log is in {folder / 'log'}")
     from semlive.cli.before_run.demo_result import show_result  # noqa: PLC0415  (1.5 s, for which the experiment need not wait)
 
-    show_result(console, folder, truth_file)
+    result = show_result(console, folder, truth_file)
     console.print(f"done in {time.monotonic() - began:.0f} s; try: semlive replay {folder / 'log' / 'demo'}")
+    if as_json:
+        typer.echo(json.dumps(result))
 
 
 _SCENARIOS = {(False, False): "paper_x200", (False, True): "short", (True, False): "rehearsal", (True, True): "rehearsal_short"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -17,8 +18,8 @@ from semlive.report.scoring.score import load_truth, score
 from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, Source, replay
 
 
-def show_result(console: Console, folder: Path, truth_file: Path) -> None:
-    """Print the result and the truth, and write report and scores.
+def show_result(console: Console, folder: Path, truth_file: Path) -> dict[str, Any]:
+    """Print the result and the truth, and write report and scores; return them as a JSON object.
 
     Args:
         console: where the tables are printed.
@@ -33,9 +34,11 @@ def show_result(console: Console, folder: Path, truth_file: Path) -> None:
     page = folder / "report.html"
     with progress_bar("drawing", "figure") as drawing:
         write_text(page, html_page(run_report(run_data(log, done)), drawing))
-    (folder / "score.json").write_text(json.dumps({quantity.name: quantity.to_json() for quantity in scores}, indent=1), encoding="utf-8")
+    compared = {quantity.name: quantity.to_json() for quantity in scores}
+    (folder / "score.json").write_text(json.dumps(compared, indent=1), encoding="utf-8")
     console.print(result_table(done.result))
     console.print(score_table(scores))
     if truth["clock_stretches"]:
         console.print(f"the simulator was too slow {truth['clock_stretches']} times and stretched the clock")
     console.print(f"report: {page}")
+    return {"folder": str(folder), "log": str(log), "report": str(page), "score": compared}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import queue
 import sys
 import threading
@@ -55,6 +56,7 @@ def run(
     page_host: Host = "127.0.0.1",
     page_port: Port = PORT,
     page_name: Name = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object after the run.")] = False,
 ) -> None:
     """Run an experiment; type pause, resume, stop, abort or acknowledge and press Enter, or Ctrl-C to stop."""
     single_arena_small_blocks()
@@ -83,6 +85,8 @@ def run(
             console.print("the live page stays open until Ctrl-C")
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Event().wait()
+    if as_json:
+        typer.echo(json.dumps({"complete": outcome.complete, "text": outcome.text, "log": str(outcome.log)}))
     if not outcome.complete:
         raise SemliveError(f"the run did not complete: {outcome.text}")
 
