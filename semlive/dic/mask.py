@@ -41,7 +41,7 @@ def mask_of(settings: DicSettings, shape: tuple[int, int]) -> Mask | None:
 def moved_mask(mask: Mask, reference: Reference, image: NDArray[np.uint8] | NDArray[np.uint16]) -> Mask:
     """Return the mask of frame 0 at the place of the specimen in another frame.
 
-    The shift is the median of the blocks that the search for initial guesses finds, in whole pixels; rows and columns that enter the
+    The shift is the median of the blocks that the search for initial guesses finds, in integer pixels; rows and columns that enter the
     frame have the value at its edge. Without any such block the mask stays.
 
     Args:

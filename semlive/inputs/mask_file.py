@@ -69,7 +69,7 @@ def mask_bytes(text: str) -> bytes:
 
 
 def mask_text(text: str) -> str:
-    """Return an embedded mask in words: size, excluded part and checksum."""
+    """Return a description of an embedded mask: size, excluded part and checksum."""
     if not text.startswith(MASK_PREFIX):
         return text
     mask = read_mask(text)

@@ -24,7 +24,7 @@ def with_mask(settings: DicSettings, base: Path) -> DicSettings:
         base: folder to which a relative path refers.
 
     Raises:
-        BadConfig: the file cannot be read, is no mask, or leaves no point of the region of interest.
+        BadConfig: the file cannot be read, is no mask, or excludes every point of the region of interest.
     """
     if settings.mask is None:
         return settings

@@ -33,7 +33,7 @@ class LabSetup:
         max_load_n: largest load of the plan, N.
         load_steps: number of loads.
         region_px: first and last subset centre (x0, y0, x1, y1).
-        mask: file name of the mask beside the configuration; None without masks.
+        mask: name of the mask file in the folder of the configuration; None without masks.
     """
 
     name: str = "first-run"
