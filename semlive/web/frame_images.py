@@ -6,7 +6,7 @@ import struct
 import tempfile
 import threading
 import weakref
-from typing import IO
+from typing import IO, Any
 
 import cv2
 import numpy as np
@@ -63,8 +63,11 @@ class FrameImageStore:
             return self._file.read(place[1]), place[2]
 
 
-def browser_png(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+def browser_png(image: NDArray[Any]) -> bytes:
     """Return an image of grey levels as a PNG of 8 bit, no edge longer than `MAX_EDGE_PX`.
+
+    Args:
+        image: (height, width) uint8 or uint16.
 
     Raises:
         cv2.error: the image cannot be encoded.

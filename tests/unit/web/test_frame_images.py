@@ -17,14 +17,22 @@ def message(image: np.ndarray, name: str = "frame 7", topic: str = SEM_IMAGE) ->
 
 
 def decoded(png: bytes) -> np.ndarray:
-    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    return image
+
+
+def read(store: FrameImageStore, frame: int) -> tuple[bytes, tuple[int, int]]:
+    found = store.read(frame)
+    assert found is not None
+    return found
 
 
 def test_a_frame_is_read_as_it_was_written() -> None:
     image, store = np.random.default_rng(1).integers(0, 256, (30, 40), dtype=np.uint8), FrameImageStore()
     assert store.take(message(image)) == 7
     assert store.take(message(image[:, ::-1], "frame 8")) == 8
-    png, size = store.read(7)
+    png, size = read(store, 7)
     assert size == (40, 30)
     assert np.array_equal(decoded(png), image)
 
@@ -33,7 +41,7 @@ def test_a_frame_is_read_as_it_was_written() -> None:
 def test_a_large_frame_is_reduced_and_keeps_its_size_in_the_log(kind: type) -> None:
     store = FrameImageStore()
     store.take(message(np.full((1200, 1600), 200, dtype=kind)))
-    png, size = store.read(7)
+    png, size = read(store, 7)
     assert size == (1600, 1200)
     assert decoded(png).shape == (768, 1024)
     assert decoded(png).dtype == np.uint8
