@@ -114,6 +114,7 @@ def test_nexus_has_what_nxem_requires(crate: Path) -> None:
         assert entry["definition"].asstr()[()] == "NXem"
         assert len([name for name in entry["measurement"] if name.startswith("event_")]) == 12
         assert entry["user1/identifier_orcid"].asstr()[()] == "0000-0002-1825-0097"
+        assert set(entry["user1"]) == {"name", "affiliation", "role", "identifier_orcid"}  # NXuser knows no other
         assert entry["sample1/atom_types"].asstr()[()] == "Al, Cu, Mg"
         assert entry["measurement/instrument/fabrication/model"].asstr()[()] == "Quanta 600"
         assert json.loads(entry["semlive/settings"].asstr()[()])["estimate.window_points"] == 9

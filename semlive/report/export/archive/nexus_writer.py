@@ -149,7 +149,7 @@ class NexusWriter:
             note = add_group(entry, f"note{number}", "NXnote", type="application/x-mcap", file_name=file.name, algorithm="sha256")
             add_field(note, "checksum", file.sha256)
         for number, person in enumerate(deposit.people, 1):
-            user = add_group(entry, f"user{number}", "NXuser", **person.model_dump(exclude={"orcid"}))
+            user = add_group(entry, f"user{number}", "NXuser", **person.model_dump(exclude={"orcid", "affiliation_address"}))
             identifier = add_field(user, "identifier_orcid", person.orcid)
             if identifier is not None:
                 identifier.attrs["type"] = "ORCID"
