@@ -238,7 +238,7 @@ def test_stop_is_reached_by_the_keyboard_while_a_dialog_is_open(run: Run, tab: C
     page.goto(f"http://127.0.0.1:{run.port}/#token={run.control.token}")
     expect(page.locator("#state-word")).to_have_text("holding")
     page.get_by_role("button", name=opener, exact=True).press("Enter")
-    # Tab leaves the dialog, the last element of the page, and continues at its first element.
+    # After the dialog, the last element of the page, Tab continues at its first element.
     for _ in range(12):
         page.keyboard.press("Tab")
         if page.get_by_role("button", name="Stop").evaluate("(button) => button === document.activeElement"):

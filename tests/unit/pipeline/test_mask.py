@@ -36,7 +36,7 @@ MASKED = replace(SETTINGS, dic=replace(SETTINGS.dic, mask=mask_text()))
 
 
 def frame(number: int, shift: tuple[int, int], seed: int) -> Frame:
-    """A specimen with a hole at the place of the mask, shifted by whole pixels; the hole contains other noise in every frame."""
+    """A specimen with a hole at the place of the mask, shifted by integer pixels; the hole contains other noise in every frame."""
     specimen = gaussian_filter(np.random.default_rng(5).normal(size=(HEIGHT + 2 * MARGIN, WIDTH + 2 * MARGIN)), 2.0)
     noise = np.random.default_rng(seed).normal(size=(HEIGHT, WIDTH))
     grey = 128.0 + 200.0 * specimen
