@@ -15,24 +15,20 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from semlive.data.disparity import PoiStatus
 from semlive.errors import BadConfig
-from semlive.formats.log.maps import decode_map
 from semlive.formats.log.messages import LoadSampleMessage
 from semlive.formats.log.reader import LogMessage
-from semlive.inputs.mask_file import mask_bytes
 from semlive.service.analysis.messages import INPUT_TOPICS, READY_TEXT, is_output
 from semlive.service.analysis.pipe import AnalysisReady, Heartbeat, read_message
 from semlive.service.analysis.step import WorkerState, background_work, process_message
 from semlive.service.config.configuration import load_config
 from semlive.service.control.resume import read_previous_segments
 from semlive.service.log.files import messages, segments
-from semlive.service.log.opened_log import OpenedLog
+
+from ..waiting import logged
 
 from ..waiting import logged
 
@@ -85,7 +81,6 @@ def killed_twice(one: Any, wait_until: Callable[..., None], watched: Callable[[P
     """The run of `resumed`; raises Missed if a kill came too late."""
     one.wait_for_slow_answers()
     one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0]], loads_n=[100])
-    one.config["dic"]["mask"] = write_mask(one.folder / "mask.png").name
     name, process = one.config["run"]["name"], one.start()
     watched(one.log).until(is_half, process, ENDS_S)
     kill(process)
@@ -110,14 +105,6 @@ def killed_twice(one: Any, wait_until: Callable[..., None], watched: Callable[[P
     out, err = process.communicate(timeout=ENDS_S)
     assert process.returncode == 0, out + err
     return one
-
-
-def write_mask(path: Path) -> Path:
-    """A mask that excludes a rectangle of the specimen."""
-    mask = np.full((276, 320), 255, dtype=np.uint8)
-    mask[100:180, 120:200] = 0
-    path.write_bytes(cv2.imencode(".png", mask)[1].tobytes())
-    return path
 
 
 def at_a_terminal(one: Any) -> tuple[subprocess.Popen[str], int]:
@@ -219,15 +206,6 @@ def test_live_results_are_byte_for_byte_those_of_the_complete_folder_without_a_b
     result = results[-1]
     assert all(one == json.loads(out) for one in results)
     assert result["pairs"] == PAIRS
-
-
-def test_the_mask_of_the_configuration_is_in_the_log_and_in_every_map(resumed: Any) -> None:
-    settings = OpenedLog(resumed.log).run.config["dic"]
-    assert mask_bytes(settings["mask"]) == (resumed.folder / "mask.png").read_bytes()
-    maps = [decode_map(message.payload) for message in messages(resumed.log) if message.topic == "/dic/map"]
-    assert maps
-    for disparity in maps:
-        assert 0.02 < np.mean(disparity.status == PoiStatus.MASKED) < 0.2
 
 
 def test_for_every_truncation_of_the_log_the_outputs_of_analysis_are_determined(resumed: Any, tmp_path: Path) -> None:
