@@ -30,8 +30,6 @@ from semlive.service.log.files import messages, segments
 
 from ..waiting import logged
 
-from ..waiting import logged
-
 PAIRS = 3
 HALF = 1
 ATTEMPTS = 5
