@@ -293,5 +293,6 @@ def _limits(diagnosis: Diagnosis) -> Section:
         found.append(f"{used} of {total} pairs were used, spread over the run, with a drift as much coarser.")
     if diagnosis.truncated:
         found.append("The search ended at the limit of its work: the effects are those found until then, and a residual remains.")
+    found += [settling.text for settling in diagnosis.settling]
     missing = [text for text in (diagnosis.images.no_rows, diagnosis.images.no_grey) if text]
     return Section("Limits", (Bullets((*found, *missing)),))

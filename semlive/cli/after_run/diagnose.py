@@ -113,6 +113,10 @@ def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     else:
         console.print(f"rows: {rows.pairs} pairs of {rows.rows}, noise of a pair {rows.noise_px:.4f} px")
     console.print(_grey_line(diagnosis))
+    for settling in diagnosis.settling:
+        console.print(settling.text)
+        if settling.forecasts:
+            console.print(forecast_table(settling.forecasts[:3]))
     if diagnosis.experiment is not None:
         console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
         if diagnosis.experiment.forecasts:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
-from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
 
 Values = NDArray[np.float64]
 
@@ -18,12 +18,14 @@ class ExperimentForecast:
     """Expected log-odds of one proposed experiment.
 
     Attributes:
-        kind: parked (stationary series), again (repeat), longer_hold, dummy_steps (zero-load steps), unload, reversed or other_scan.
+        kind: parked (stationary series), again (repeat), longer_hold, dummy_steps (zero-load steps), unload, reversed, other_scan or
+            other_magnification.
         dwell: dwell and row times, as a multiple of those of the diagnosed run.
         minutes: beam time, minutes.
         log_odds: expected log-odds for the true one of the two effects that are hardest to separate.
         true: name of the effect that is assumed true.
         other: name of the rival effect, or ``nothing``.
+        pixel_size: pixel size, as a multiple of that of the diagnosed run.
     """
 
     kind: str
@@ -32,11 +34,13 @@ class ExperimentForecast:
     log_odds: float
     true: str
     other: str
+    pixel_size: float = 1.0
 
     @property
     def summary(self) -> str:
         """Description of the experiment for reports."""
-        return self.kind.replace("_", " ") + ("" if self.dwell == 1.0 else f", {self.dwell:g} times the dwell")
+        pixels = "" if self.pixel_size == 1.0 else f", {self.pixel_size:g} times the pixel size"
+        return self.kind.replace("_", " ") + pixels + ("" if self.dwell == 1.0 else f", {self.dwell:g} times the dwell")
 
     @property
     def log_odds_per_minute(self) -> float:
@@ -166,6 +170,36 @@ class RunExtent:
 
 
 @dataclass(frozen=True, slots=True)
+class StartSettling:
+    """Settling at the start of rows or frames as a part of the estimated distortion, which corrects it in the run itself.
+
+    Attributes:
+        start: ``row`` or ``frame``.
+        between: names of the laws that one pixel size and one dwell time cannot separate.
+        parameters: amplitudes and length, px.
+        log_bayes_factor: natural logarithm of the Bayes factor against a distortion that is only smooth.
+        forecasts: forecasts of experiments that separate the laws, the largest log-odds first.
+    """
+
+    start: str
+    between: tuple[str, ...]
+    parameters: tuple[ParameterEstimate, ...]
+    log_bayes_factor: float
+    forecasts: tuple[ExperimentForecast, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """What the run shows and what it leaves open, for reports."""
+        values = {parameter.name: parameter.value for parameter in self.parameters}
+        size_px = max(abs(value) for name, value in values.items() if name != "length_px")
+        return (
+            f"The distortion contains settling at the {self.start} start, {size_px:.2f} px over {values['length_px']:.0f} px. In this run "
+            f"it is corrected as distortion. One magnification and one dwell cannot separate {' from '.join(self.between)}, or from a "
+            "distortion that is constant in pixels: with another magnification or dwell its extent changes."
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The verdict of a diagnosis.
 
@@ -187,6 +221,7 @@ class Diagnosis:
         images: verdicts of the image channels.
         run: extent of the diagnosed run.
         truncated: whether the search for effects ended at the limit of its work, with a significant residual.
+        settling: settling at the start of rows or frames in the estimated distortion.
     """
 
     outcome: Outcome
@@ -205,3 +240,4 @@ class Diagnosis:
     images: ImageVerdicts = ImageVerdicts()
     run: RunExtent = RunExtent()
     truncated: bool = False
+    settling: tuple[StartSettling, ...] = ()

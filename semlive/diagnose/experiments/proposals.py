@@ -30,6 +30,8 @@ class ExperimentKind(StrEnum):
     """Every move there and back."""
     CHANGED_SCAN_TIMES = "other_scan"
     """The calibration again with another dwell or row time, which the operator sets."""
+    CHANGED_PIXEL_SIZE = "other_magnification"
+    """The calibration again at another magnification and, where stated, with another dwell, both of which the operator sets."""
     ROTATED_SCAN = "turned_scan"
     """A calibration with large moves, and the same again with the scan rotated by 90 degrees, which the operator sets."""
 
@@ -94,6 +96,10 @@ _DESCRIPTIONS = {
     ExperimentKind.CHANGED_SCAN_TIMES: (
         "effects that follow the dwell or row time and not the position in the image; see `semlive experiment decide`"
     ),
+    ExperimentKind.CHANGED_PIXEL_SIZE: (
+        "settling at the start of rows or frames in time, in position or in pixels: a change of pixel size and dwell separates all three; "
+        "see `semlive experiment decide`"
+    ),
     ExperimentKind.ROTATED_SCAN: (
         "effects that rotate with the scan: pixels that are not square, skewed axes, nonlinear ramps; see `semlive experiment decide`"
     ),
@@ -108,7 +114,8 @@ def requested_proposal(kind: ExperimentKind) -> Proposal:
 def choose_proposal(verdict: Diagnosis, menu: Sequence[ExperimentForecast] = ()) -> Proposal | None:
     """The experiment that separates the candidates of a verdict; None if there is nothing to decide.
 
-    For an identified effect it is the experiment that confirms it; for an unknown effect, a stationary series. If forecasts are available,
+    For an identified effect it is the experiment that confirms it; for an unknown effect, a stationary series; for settling in the
+    distortion, the scan with the largest log odds for its laws. If forecasts are available,
     it is the decisive experiment with the least beam time; if none is decisive, the proposal of the effect class is used.
 
     Args:
@@ -117,7 +124,11 @@ def choose_proposal(verdict: Diagnosis, menu: Sequence[ExperimentForecast] = ())
     """
     between = verdict.ambiguous or tuple(effect.name for effect in verdict.effects)
     if verdict.outcome is Outcome.NONE:
-        return None
+        settling = max(verdict.settling, key=lambda value: value.log_bayes_factor, default=None)
+        if settling is None or not settling.forecasts:
+            return None
+        kind = ExperimentKind(settling.forecasts[0].kind)
+        return Proposal(kind, settling.between, _DESCRIPTIONS[kind], settling.forecasts[0])
     if not between:
         return Proposal(
             ExperimentKind.STATIONARY_SERIES,

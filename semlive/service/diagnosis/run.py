@@ -12,6 +12,7 @@ from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.model_effects import observable_effects
 from semlive.diagnose.baseline.observation import HOLD_S, Observation, StepConditions, baseline_solution, make_observation, step_conditions
 from semlive.diagnose.combine import add_intensity_verdict, add_row_verdict
+from semlive.diagnose.experiments.distortion_settling import settling_of_run
 from semlive.diagnose.experiments.forecast import forecast_experiments
 from semlive.diagnose.experiments.proposals import ranked
 from semlive.diagnose.intensity.verdict import diagnose_intensity
@@ -28,6 +29,7 @@ from semlive.model.effects.rows import row_effect
 from semlive.model.effects.stage import non_map_effect
 from semlive.service.diagnosis.images import ImageChannels, ImageData
 from semlive.service.diagnosis.long_runs import coarser_drift, pair_count, thinned
+from semlive.service.diagnosis.model_file import pixel_size_um
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.pairs import LogNotes, Maps, pairs_with_maps, topic_counts
 from semlive.service.log.settings import settings_of
@@ -57,13 +59,15 @@ def diagnose_log(
     channels = ImageChannels(settings.scan, (topic_counts(log.path) or {}).get("/pair", 0), watch)
     notes = LogNotes()
     observation, steps = _observed(log, notes, watch, channels)
+    in_maps = [effect for effect in model_effects if non_map_effect(effect.name) is None]
     verdict = diagnose(
         observation,
         seed,
-        model_effects=observable_effects(observation, [effect for effect in model_effects if non_map_effect(effect.name) is None]),
+        model_effects=observable_effects(observation, in_maps),
     )
     extent = replace(verdict.run, pairs=(len(steps), max(pair_count(log.path), len(steps))))
-    verdict = replace(verdict, model_effects=tuple(model_effects), run=extent)
+    settling = settling_of_run(observation, verdict, in_maps)
+    verdict = replace(verdict, model_effects=tuple(model_effects), run=extent, settling=settling)
     verdict = add_stage_evidence(verdict, stage_moves(observation, steps))
     if verdict.experiment is not None:
         verdict = replace(verdict, experiment=ranked(verdict.experiment, forecast_experiments(observation, verdict, model_effects)))
@@ -110,7 +114,9 @@ def propose_next_experiments(
     """
     if verdict.experiment is not None:
         return verdict.experiment.forecasts
-    return forecast_experiments(observation, verdict, model_effects) if verdict.effects else ()
+    if verdict.effects:
+        return forecast_experiments(observation, verdict, model_effects)
+    return tuple(forecast for settling in verdict.settling[:1] for forecast in settling.forecasts)
 
 
 def load_observation(log: OpenedLog, watch: Callable[[str, int, int], None] | None = None) -> Observation:
@@ -138,7 +144,7 @@ def _observed(
     assert isinstance(state.estimator_state, EstimatorState)  # of the joint method
     steps = step_conditions(state.pairs, _hold_s(log.run))
     solution, alternative = baseline_solution(state.estimator_state)
-    return make_observation(solution, steps, alternative), steps
+    return replace(make_observation(solution, steps, alternative), pixel_um=_pixel_um(log, state.pairs)), steps
 
 
 def _complete_pairs(log: OpenedLog, notes: LogNotes, channels: ImageChannels | None) -> Iterator[tuple[PairDecision, Maps]]:
@@ -148,6 +154,11 @@ def _complete_pairs(log: OpenedLog, notes: LogNotes, channels: ImageChannels | N
         if channels is not None:
             channels.take(decision, maps)
         yield decision, pipeline.complete_maps(decision.pair, maps)
+
+
+def _pixel_um(log: OpenedLog, pairs: Sequence[PairDecision]) -> float | None:
+    """Pixel size by the configuration, or else by the file of the first frame, um; None if unknown."""
+    return pixel_size_um(log) or 1e6 * pairs[0].first.pixel_size_m.value or None
 
 
 def _hold_s(run: RunMessage) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect, ParameterEstimate
-from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal, StartSettling
 
 
 def diagnosis_json(verdict: Diagnosis) -> dict[str, object]:
@@ -27,6 +27,18 @@ def diagnosis_json(verdict: Diagnosis) -> dict[str, object]:
         "pairs": {"used": verdict.run.pairs[0], "of": verdict.run.pairs[1]},
         "rows": _rows_json(verdict),
         "grey": _grey_json(verdict),
+        "settling": [_settling_json(settling) for settling in verdict.settling],
+    }
+
+
+def _settling_json(settling: StartSettling) -> dict[str, object]:
+    return {
+        "start": settling.start,
+        "between": list(settling.between),
+        "parameters": parameters_json(settling.parameters),
+        "log_bayes_factor": settling.log_bayes_factor,
+        "about": settling.text,
+        "foretold": [forecast_json(forecast) for forecast in settling.forecasts],
     }
 
 

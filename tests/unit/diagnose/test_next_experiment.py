@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
 from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
-from semlive.data.diagnosis.verdict import Diagnosis
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, StartSettling
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.experiments.proposals import ExperimentKind, choose_proposal
 from semlive.errors import BadConfig
@@ -83,6 +84,17 @@ def test_each_doubt_has_its_experiment(found: Diagnosis, kind: ExperimentKind) -
     assert proposal.description
 
 
+def test_settling_in_the_distortion_has_the_scan_that_separates_its_laws() -> None:
+    laws = ("flyback_settling", "row_start_settling_in_position")
+    decisive = ExperimentForecast("other_magnification", 2.0, 40.0, 12.0, *laws, 0.5)
+    weaker = ExperimentForecast("other_scan", 2.0, 30.0, 2.0, *laws)
+    found = replace(verdict(Outcome.NONE), settling=(StartSettling("row", laws, (), 30.0, (decisive, weaker)),))
+    proposal = choose_proposal(found)
+    assert proposal is not None
+    assert (proposal.kind, proposal.candidates, proposal.forecast) == (ExperimentKind.CHANGED_PIXEL_SIZE, laws, decisive)
+    assert decisive.summary == "other magnification, 0.5 times the pixel size, 2 times the dwell"
+
+
 def test_nothing_is_proposed_where_nothing_is_missing() -> None:
     assert choose_proposal(verdict(Outcome.NONE)) is None
 
@@ -95,6 +107,7 @@ def test_every_experiment_is_a_protocol_that_the_daemon_takes(kind: ExperimentKi
     assert protocol_for(PROTOCOL, kind) != PROTOCOL or kind in (
         ExperimentKind.REPEAT,
         ExperimentKind.CHANGED_SCAN_TIMES,
+        ExperimentKind.CHANGED_PIXEL_SIZE,
         ExperimentKind.ROTATED_SCAN,
     )
 
