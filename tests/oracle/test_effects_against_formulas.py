@@ -280,6 +280,12 @@ def test_distortion_grows_with_time() -> None:
 TIMES: dict[str, Callable[[Any, int, int, int], float]] = {
     "bidirectional_scan": lambda p, x, y, m: (W - 1 - x if y % 2 else x) * DWELL_S + y * ROW_S,
     "interlaced_scan": lambda p, x, y, m: (y % 2) * H * ROW_S / 2 + (y // 2) * ROW_S + x * DWELL_S,
+    "irregular_rows": lambda p, x, y, m: (
+        y * ROW_S
+        + x * DWELL_S
+        + sum(p.delay_s * abs(gaussian(p.seed, 60, row)) for row in range(1, y + 1))
+        + (p.pause_s if y >= p.pause_row else 0.0)
+    ),
     "frame_integration": lambda p, x, y, m: (m * H * ROW_S + y * ROW_S + x * DWELL_S) / p.scans,
     "wrong_row_time": lambda p, x, y, m: y * ROW_S * (1 + p.row_time_error) + x * DWELL_S,
     "wrong_dwell": lambda p, x, y, m: y * ROW_S + x * DWELL_S * (1 + p.dwell_error),

@@ -25,6 +25,7 @@ from semlive.diagnose.two_runs.joint_evidence import (
     JointEvidence,
     JointObjective,
     joint_evidence,
+    refined,
     with_refitted_smoothness,
     with_second_term,
 )
@@ -41,6 +42,11 @@ from semlive.model.effects import (
 from semlive.model.effects.effect_class import Values
 
 Array = NDArray[np.float64]
+CANDIDATES = 3
+"""Number of the most likely effects whose evidence is refined where the pixel sizes differ: laws in time and in position are compared at
+their most likely constants, because the distance of a grid value from the true constant counts more than the difference of the laws."""
+TWO_TERM_CANDIDATES = 2
+"""Number of the most likely laws that are tried with two exponentials; the scan separates laws more than the number of terms."""
 
 
 def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
@@ -61,11 +67,21 @@ def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
     families = TWO_RUN_EFFECT_CLASSES if len(set(ratios)) == 1 else (*TWO_RUN_EFFECT_CLASSES, *PIXEL_SIZE_EFFECT_CLASSES)
     joint = join_runs(runs)
     separate_log_odds = sum(join_runs([run]).point.evidence for run in runs) - joint.point.evidence
-    screening = [with_refitted_smoothness(tested, runs) for family in families if (tested := joint_evidence(joint, family)) is not None]
+    screening = [tested for family in families if (tested := joint_evidence(joint, family)) is not None]
+    if len(set(ratios)) == 1:
+        screening = [with_refitted_smoothness(candidate, runs) for candidate in screening]
+    else:
+        likely = _most_likely(screening, CANDIDATES)
+        screening = [refined(with_refitted_smoothness(value, runs)) if value in likely else value for value in screening]
     if max([separate_log_odds, *(candidate.log_factor for candidate in screening)]) > SIGNIFICANT_LOG_FACTOR:
-        screening = [with_second_term(candidate) or candidate for candidate in screening]
+        likely = _most_likely(screening, TWO_TERM_CANDIDATES)
+        screening = [(with_second_term(value) if value in likely else None) or value for value in screening]
     verdict = _verdict(runs, screening, separate_log_odds)
     return verdict if len(set(ratios)) == 1 else replace(verdict, pixel_ratio=ratios[-1])
+
+
+def _most_likely(candidates: Sequence[JointEvidence], count: int) -> list[JointEvidence]:
+    return sorted(candidates, key=lambda candidate: -candidate.log_factor)[:count]
 
 
 def _verdict(runs: Sequence[HyperparameterGrid], screening: Sequence[JointEvidence], separate_log_odds: float) -> TwoRunVerdict:

@@ -126,6 +126,17 @@ def with_refitted_smoothness(screening: JointEvidence, runs: Sequence[Hyperparam
     return max((screening, replace(repeated, log_factor=repeated.log_factor + evidence_loss)), key=lambda candidate: candidate.log_factor)
 
 
+def refined(candidate: JointEvidence) -> JointEvidence:
+    """Evidence with the most likely constants between the values of the grid; the prior of the constants is that of the grid."""
+    objective = JointObjective(candidate.joined, candidate.family, candidate.size_px)
+    on_grid = objective.evaluate(candidate.values)
+    if on_grid is None or not candidate.family.nonlinear_parameters:
+        return candidate
+    values, optimum = _optimum(objective, candidate.values)
+    gain = optimum - _mean_over_sizes(on_grid, candidate.family)
+    return replace(candidate, log_factor=candidate.log_factor + gain, values=values) if gain > 0.0 else candidate
+
+
 def with_second_term(single: JointEvidence) -> JointEvidence | None:
     """Settling with two exponentials, if it is more likely than with one by odds of 20; None if not, and for all other classes.
 
@@ -153,5 +164,10 @@ def _optimum(objective: JointObjective, start: Values) -> tuple[dict[str, float]
     values = optimise_parameters(objective, start)
     projected = objective.evaluate(values)
     assert projected is not None  # it was observable at the start
-    factors = projected.log_factor(sizes_of(objective.family))[0]
-    return values, float(np.logaddexp.reduce(factors)) - math.log(len(factors))
+    return values, _mean_over_sizes(projected, objective.family)
+
+
+def _mean_over_sizes(projected: ProjectedField, family: EffectClass) -> float:
+    """Log Bayes factor, mean over the sizes of a class."""
+    factors = projected.log_factor(sizes_of(family))[0]
+    return float(np.logaddexp.reduce(factors)) - math.log(len(factors))

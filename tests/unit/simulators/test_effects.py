@@ -28,6 +28,7 @@ NAMES = [
     "scan_nonlinearity",
     "bidirectional_scan",
     "interlaced_scan",
+    "irregular_rows",
     "frame_integration",
     "wrong_row_time",
     "wrong_dwell",
@@ -121,7 +122,7 @@ PEAKS_PX: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
 
 
 def test_names_are_those_of_reports_and_of_their_classes() -> None:
-    assert len(NAMES) == 56
+    assert len(NAMES) == 57
     assert set(LIBRARY) == set(NAMES)
     for name, kind in LIBRARY.items():
         assert kind.__name__ == name.title().replace("_", "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from semlive.data.experiment import Step
 from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.loading import FrameLoad
-from semlive.data.scan import Provenance, Sourced
+from semlive.data.scan import Provenance, RowClock, Sourced
 from semlive.data.scan_geometry import ScanGeometry
 from semlive.formats.log.messages.base import Message, MonotonicStamped
 
@@ -70,6 +70,7 @@ class ScanMessage(Message):
     embedded_time_ns: int | None = None
     notes: tuple[str, ...] = ()
     geometry: ScanGeometry = ScanGeometry()
+    clock: RowClock | None = None
 
 
 class ScanReadingMessage(Message):

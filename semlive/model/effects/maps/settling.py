@@ -132,9 +132,7 @@ def with_two_terms(single: EffectClass) -> EffectClass:
 
     def grid(scene: RunGeometry) -> Iterable[Values]:
         each = [values[parameter.name] for values in single.grid(scene)][::2]
-        return (
-            {parameter.name: short, SECOND + parameter.name: long} for short, long in combinations(each, 2) if long > MIN_RATIO * short
-        )
+        return ({parameter.name: short, SECOND + parameter.name: long} for short, long in combinations(each, 2) if long > MIN_RATIO * short)
 
     return replace(
         single,
