@@ -3,8 +3,8 @@
     python tests/benchmarks/bench_settling_laws.py --seeds 10 --nulls 20 --folder laws [--shard 1/2] [--seconds 3000]
     python tests/benchmarks/bench_settling_laws.py ... --folder laws --score [--write]
 
-A calibration of 8 pairs, and the same again with half the dwell and row time, at half the pixel size, or with half the dwell and row time
-at twice the pixel size (both by one factor would leave the laws in time and in position equal); the simulators' own
+A calibration of 8 pairs, and the same again with half the dwell and row time, at half the pixel size, or at half the pixel size with
+a quarter of the dwell and row time (both by one factor would leave the laws in time and in position equal); the simulators' own
 effects at displacement level, as in `bench_decide`. A law in position is part of the distortion where only the dwell changes, and a
 distortion in pixels is part of it always: then the answer is NONE. Of the first run alone no law must be named; where its distortion
 shows settling, both laws are listed as inseparable, with an experiment.
@@ -45,7 +45,7 @@ EDGE = Grid(56, 56, 45, 20, 17, 43)
 PIXEL_UM, FIRST_SEED, AGAIN = SCAN.pixel_size_um, 60_001, 500_000
 FASTER = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
 FINER = replace(SCAN, pixel_size_um=0.5 * PIXEL_UM)
-BOTH = replace(FASTER, pixel_size_um=2.0 * PIXEL_UM)
+BOTH = replace(SCAN, pixel_size_um=0.5 * PIXEL_UM, dwell_time_s=0.25 * SCAN.dwell_time_s, frame_time_s=0.25 * SCAN.frame_time_s)
 SCANS = {"dwell": FASTER, "pixel size": FINER, "both": BOTH}
 NOTHING, TWO = "nothing", "_two_terms"
 EXPECTED = {

@@ -54,13 +54,11 @@ class SettlingExperiment:
         setting: pixel size and time per pixel.
         log_odds: expected log odds of the true law against its closest rival, for the law for which they are smallest.
         hardest: the law for which they are smallest.
-        rival: its closest rival.
     """
 
     setting: Setting
     log_odds: float
     hardest: RowStartLaw
-    rival: RowStartLaw
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,15 +175,12 @@ def possible_settings(fits: Sequence[FittedProfile], laws: Sequence[RowStartLaw]
                 continue
             setting = Setting(last.profile.pixel_nm * by_pixel, last.profile.pixel_s * by_dwell)
             odds = {true: _expected_odds(fits, setting, true, rivals) for true in rivals}
-            hardest = min(odds, key=lambda law: odds[law][0])
-            experiments.append(SettlingExperiment(setting, odds[hardest][0], hardest, odds[hardest][1]))
+            hardest = min(odds, key=lambda law: odds[law])
+            experiments.append(SettlingExperiment(setting, odds[hardest], hardest))
     return tuple(sorted(experiments, key=lambda experiment: -experiment.log_odds))
 
 
-def _expected_odds(
-    fits: Sequence[FittedProfile], setting: Setting, true: RowStartLaw, rivals: Sequence[RowStartLaw]
-) -> tuple[float, RowStartLaw]:
-    """Expected log odds of a true law against its closest rival, and that rival."""
+def _expected_odds(fits: Sequence[FittedProfile], setting: Setting, true: RowStartLaw, rivals: Sequence[RowStartLaw]) -> float:
     constants, _ = law_constants(fits, true)
     last = fits[-1]
     expected = constants + scaled(setting, true, last.terms)
@@ -193,5 +188,4 @@ def _expected_odds(
     sizes = np.exp(expected)
     new = FittedProfile(profile, sizes[: last.terms], sizes[last.terms :], last.covariance, 0.0)
     evidence = {law: log_evidence([*fits, new], law) for law in rivals}
-    rival = max((law for law in rivals if law is not true), key=lambda law: evidence[law])
-    return evidence[true] - evidence[rival], rival
+    return evidence[true] - max(value for law, value in evidence.items() if law is not true)
