@@ -6,8 +6,7 @@
 A calibration of 8 pairs, and the same again with half the dwell and row time, at half the pixel size, or at half the pixel size with
 a quarter of the dwell and row time (both by one factor would leave the laws in time and in position equal); the simulators' own
 effects at displacement level, as in `bench_decide`. A law in position is part of the distortion where only the dwell changes, and a
-distortion in pixels is part of it always: then the answer is NONE. Of the first run alone no law must be named; where its distortion
-shows settling, both laws are listed as inseparable, with an experiment.
+distortion in pixels is part of it always: then the answer is NONE.
 """
 
 from __future__ import annotations
@@ -28,10 +27,8 @@ from blind.scoring import at_least, at_most
 from numexp.world import SCAN
 
 from semlive.data.diagnosis.effects import Outcome
-from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
-from semlive.diagnose.experiments.distortion_settling import settling_of_run
 from semlive.diagnose.two_runs.decide import compare_runs
 from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.settling import (
@@ -102,7 +99,7 @@ class Hidden:
         return (Outcome.IDENTIFIED.value, self.name) if moves else (Outcome.NONE.value, None)
 
     def verdict(self) -> dict[str, Any]:
-        """Of both runs, and what the first one alone shows."""
+        """Of both runs."""
         begin = time.process_time()
         entry = observed(Conditions(self.seed, tension=0, subset_px=EDGE.subset_px), self.effects(), EDGE, QUICK)
         again = Conditions(self.seed + AGAIN, tension=0, scan=SCANS[self.change], bent_like=self.seed, subset_px=EDGE.subset_px)
@@ -110,7 +107,6 @@ class Hidden:
         made_s = time.process_time()
         found = compare_runs((noise_scaled_baseline(entry), noise_scaled_baseline(other)))
         took_s = time.process_time() - made_s
-        alone = settling_of_run(entry, Diagnosis(Outcome.NONE, (), (), None, None, None, (), 0.0))
         return {
             "key": self.key,
             **asdict(self),
@@ -120,7 +116,6 @@ class Hidden:
             "evidence": dict(found.evidence[:4]),
             "apart": found.separate_log_odds,
             "parameters": {} if found.effect is None else {item.name: [item.value, item.sigma] for item in found.effect.parameters},
-            "alone": [[value.start, *value.between, value.log_bayes_factor, len(value.forecasts)] for value in alone],
             "cpu_s": took_s,
             "all_s": time.process_time() - begin,
         }
@@ -135,7 +130,7 @@ def cases(seeds: int, nulls: int) -> Iterator[Hidden]:
 
 def table(found: list[dict[str, Any]]) -> str:
     """As Markdown."""
-    lines = ["| hidden law | change of the scan | right answer | right | wrong name | open | first run alone |", "|---" * 7 + "|"]
+    lines = ["| hidden law | change of the scan | right answer | right | wrong name | open |", "|---" * 6 + "|"]
     wrong_names = 0
     for name in (*EXPECTED, NOTHING):
         for change in SCANS:
@@ -146,10 +141,9 @@ def table(found: list[dict[str, Any]]) -> str:
             right = sum(entry["outcome"] == outcome and (named is None or entry["named"] == named) for entry in own)
             wrong = sum(entry["outcome"] == Outcome.IDENTIFIED.value and entry["named"] != named for entry in own)
             wrong_names += wrong
-            alone = sum(bool(entry["alone"]) for entry in own)
             lines.append(
                 f"| `{name}` | {change} | {outcome} | {right} of {len(own)} (at least {100 * at_least(right, len(own)):.0f} %) | {wrong} "
-                f"| {len(own) - right - wrong} | both laws listed in {alone} of {len(own)} |"
+                f"| {len(own) - right - wrong} |"
             )
     bound = 100 * at_most(wrong_names, len(found)) if found else 100.0
     return "\n".join([*lines, "", f"Wrong names: {wrong_names} of {len(found)} (bound {bound:.1f} %).", ""])

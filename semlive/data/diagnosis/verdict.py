@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
-from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
+from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
 
 Values = NDArray[np.float64]
 
@@ -18,14 +18,12 @@ class ExperimentForecast:
     """Expected log-odds of one proposed experiment.
 
     Attributes:
-        kind: parked (stationary series), again (repeat), longer_hold, dummy_steps (zero-load steps), unload, reversed, other_scan or
-            other_magnification.
+        kind: parked (stationary series), again (repeat), longer_hold, dummy_steps (zero-load steps), unload, reversed or other_scan.
         dwell: dwell and row times, as a multiple of those of the diagnosed run.
         minutes: beam time, minutes.
         log_odds: expected log-odds for the true one of the two effects that are hardest to separate.
         true: name of the effect that is assumed true.
         other: name of the rival effect, or ``nothing``.
-        pixel_size: pixel size, as a multiple of that of the diagnosed run.
     """
 
     kind: str
@@ -34,13 +32,11 @@ class ExperimentForecast:
     log_odds: float
     true: str
     other: str
-    pixel_size: float = 1.0
 
     @property
     def summary(self) -> str:
         """Description of the experiment for reports."""
-        pixels = "" if self.pixel_size == 1.0 else f", {self.pixel_size:g} times the pixel size"
-        return self.kind.replace("_", " ") + pixels + ("" if self.dwell == 1.0 else f", {self.dwell:g} times the dwell")
+        return self.kind.replace("_", " ") + ("" if self.dwell == 1.0 else f", {self.dwell:g} times the dwell")
 
     @property
     def log_odds_per_minute(self) -> float:
@@ -169,34 +165,22 @@ class RunExtent:
     pairs: tuple[int, int] = (0, 0)
 
 
-@dataclass(frozen=True, slots=True)
-class StartSettling:
-    """Settling at the start of rows or frames as a part of the estimated distortion, which corrects it in the run itself.
+SETTLING_LAWS = {
+    "row": ("flyback_settling", "row_start_settling_in_position"),
+    "frame": ("frame_start_settling", "frame_start_settling_in_position"),
+}
+"""Laws of settling at the start of rows and frames that frames of one magnification and one dwell cannot separate."""
+SETTLING_DECISION = "other_magnification"
+"""Experiment that separates them."""
 
-    Attributes:
-        start: ``row`` or ``frame``.
-        between: names of the laws that one pixel size and one dwell time cannot separate.
-        parameters: amplitudes and length, px.
-        log_bayes_factor: natural logarithm of the Bayes factor against a distortion that is only smooth.
-        forecasts: forecasts of experiments that separate the laws, the largest log-odds first.
-    """
 
-    start: str
-    between: tuple[str, ...]
-    parameters: tuple[ParameterEstimate, ...]
-    log_bayes_factor: float
-    forecasts: tuple[ExperimentForecast, ...] = ()
-
-    @property
-    def text(self) -> str:
-        """What the run shows and what it leaves open, for reports."""
-        values = {parameter.name: parameter.value for parameter in self.parameters}
-        size_px = max(abs(value) for name, value in values.items() if name != "length_px")
-        return (
-            f"The distortion contains settling at the {self.start} start, {size_px:.2f} px over {values['length_px']:.0f} px. In this run "
-            f"it is corrected as distortion. One magnification and one dwell cannot separate {' from '.join(self.between)}, or from a "
-            "distortion that is constant in pixels: with another magnification or dwell its extent changes."
-        )
+def settling_text(start: str) -> str:
+    """What a run cannot show of the settling at a start, and the experiment that decides, one sentence."""
+    return (
+        f"settling at the {start} start, if there is any, is part of the distortion and corrected here; one magnification and one dwell "
+        f"cannot separate {' from '.join(SETTLING_LAWS[start])}, so its extent at another magnification or dwell is unknown: "
+        f"`semlive experiment propose --kind {SETTLING_DECISION}` decides"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +205,6 @@ class Diagnosis:
         images: verdicts of the image channels.
         run: extent of the diagnosed run.
         truncated: whether the search for effects ended at the limit of its work, with a significant residual.
-        settling: settling at the start of rows or frames in the estimated distortion.
     """
 
     outcome: Outcome
@@ -240,4 +223,3 @@ class Diagnosis:
     images: ImageVerdicts = ImageVerdicts()
     run: RunExtent = RunExtent()
     truncated: bool = False
-    settling: tuple[StartSettling, ...] = ()

@@ -97,8 +97,8 @@ _DESCRIPTIONS = {
         "effects that follow the dwell or row time and not the position in the image; see `semlive experiment decide`"
     ),
     ExperimentKind.CHANGED_PIXEL_SIZE: (
-        "settling at the start of rows or frames in time, in position or in pixels: a change of pixel size and dwell separates all three; "
-        "see `semlive experiment decide`"
+        "settling at the start of rows or frames in time, in position or in pixels: a change of pixel size and dwell, not by one factor "
+        "or inverse ones, separates all three; see `semlive experiment decide`"
     ),
     ExperimentKind.ROTATED_SCAN: (
         "effects that rotate with the scan: pixels that are not square, skewed axes, nonlinear ramps; see `semlive experiment decide`"
@@ -114,8 +114,7 @@ def requested_proposal(kind: ExperimentKind) -> Proposal:
 def choose_proposal(verdict: Diagnosis, menu: Sequence[ExperimentForecast] = ()) -> Proposal | None:
     """The experiment that separates the candidates of a verdict; None if there is nothing to decide.
 
-    For an identified effect it is the experiment that confirms it; for an unknown effect, a stationary series; for settling in the
-    distortion, the scan with the largest log odds for its laws. If forecasts are available,
+    For an identified effect it is the experiment that confirms it; for an unknown effect, a stationary series. If forecasts are available,
     it is the decisive experiment with the least beam time; if none is decisive, the proposal of the effect class is used.
 
     Args:
@@ -124,11 +123,7 @@ def choose_proposal(verdict: Diagnosis, menu: Sequence[ExperimentForecast] = ())
     """
     between = verdict.ambiguous or tuple(effect.name for effect in verdict.effects)
     if verdict.outcome is Outcome.NONE:
-        settling = max(verdict.settling, key=lambda value: value.log_bayes_factor, default=None)
-        if settling is None or not settling.forecasts:
-            return None
-        kind = ExperimentKind(settling.forecasts[0].kind)
-        return Proposal(kind, settling.between, _DESCRIPTIONS[kind], settling.forecasts[0])
+        return None
     if not between:
         return Proposal(
             ExperimentKind.STATIONARY_SERIES,

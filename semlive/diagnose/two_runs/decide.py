@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 CANDIDATES = 3
 """Number of the most likely effects whose evidence is refined where the pixel sizes differ: laws in time and in position are compared at
 their most likely constants, because the distance of a grid value from the true constant counts more than the difference of the laws."""
-TWO_TERM_CANDIDATES = 2
+TWO_TERM_CANDIDATES = 1
 """Number of the most likely laws that are tried with two exponentials; the scan separates laws more than the number of terms."""
 
 

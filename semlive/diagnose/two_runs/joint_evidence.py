@@ -146,16 +146,20 @@ def with_second_term(single: JointEvidence) -> JointEvidence | None:
     family = TWO_TERM_CLASSES.get(single.family.name)
     if family is None:
         return None
-    _, one = _optimum(JointObjective(single.joined, single.family, single.size_px), single.values)
-    objective = JointObjective(single.joined, family, single.size_px)
-    power = single.values.get(AMPLITUDE_POWER, 0.0)
+    objective, first = JointObjective(single.joined, family, single.size_px), JointObjective(single.joined, single.family, single.size_px)
+    size, power = np.array([single.size_px]), single.values.get(AMPLITUDE_POWER, 0.0)
     scored = [
-        (float(projected.log_factor(np.array([single.size_px]))[0, 0]), dict(values))
+        (float(projected.log_factor(size)[0, 0]), dict(values))
         for values in objective.grid()
         if values.get(AMPLITUDE_POWER, 0.0) == power and (projected := objective.evaluate(values)) is not None
     ]
-    values, two = _optimum(objective, max(scored, key=lambda entry: entry[0])[1])
-    gain = two - one - math.log(sum(1 for _ in JointObjective(single.joined, single.family, single.size_px).grid()))
+    best, start = max(scored, key=lambda entry: entry[0])
+    on_grid = first.evaluate(single.values)
+    assert on_grid is not None  # it was observable on the grid
+    if best < float(on_grid.log_factor(size)[0, 0]):
+        return None
+    (_, one), (values, two) = _optimum(first, single.values), _optimum(objective, start)
+    gain = two - one - math.log(sum(1 for _ in first.grid()))
     return JointEvidence(single.joined, family, single.log_factor + gain, values, single.size_px) if gain > MIN_LOG_ODDS else None
 
 

@@ -16,7 +16,7 @@ from semlive.service.log.opened_log import OpenedLog
 _BY_HAND = {
     ExperimentKind.CHANGED_SCAN_TIMES: "Set the scan to {dwell} its dwell and row time before starting; "
     "`semlive experiment decide` reads both logs.",
-    ExperimentKind.CHANGED_PIXEL_SIZE: "Set the magnification to pixels of {pixel_um:.4g} um, and the scan to {dwell} its dwell "
+    ExperimentKind.CHANGED_PIXEL_SIZE: "Set the magnification to pixels of {pixel_um:.4g} um, and the scan to a quarter of its dwell "
     "and row time, before starting; `semlive experiment decide` reads both logs.",
     ExperimentKind.ROTATED_SCAN: "Run this twice: with the present scan and, under another run.name, with the scan rotated by 90 degrees. "
     "`semlive experiment decide` reads both logs; the log of this proposal can be the first if its moves were as large.",
@@ -24,7 +24,7 @@ _BY_HAND = {
 
 
 _PIXEL_RATIO = 0.5
-"""Pixel size of a proposal without a forecast, relative to that of the run."""
+"""Pixel size of the proposal, relative to that of the run: with a quarter of the dwell, no two laws of settling are equal."""
 
 
 def next_config(log: OpenedLog, proposal: Proposal) -> str:
@@ -44,7 +44,7 @@ def next_config(log: OpenedLog, proposal: Proposal) -> str:
         given["protocol"] = within_travel(given["protocol"], _travel_px(given))
     pixel_um = None
     if proposal.kind is ExperimentKind.CHANGED_PIXEL_SIZE:
-        given, pixel_um = _at_pixel_size(given, _PIXEL_RATIO if proposal.forecast is None else proposal.forecast.pixel_size)
+        given, pixel_um = _at_pixel_size(given)
     run = given.get("run")
     name = run.get("name") if isinstance(run, dict) else None
     given["run"] = {**(run if isinstance(run, dict) else {}), "name": f"{name or 'run'}-{proposal.kind.value.replace('_', '-')}"}
@@ -60,13 +60,13 @@ def next_config(log: OpenedLog, proposal: Proposal) -> str:
     return "\n".join(lines) + "\n" + yaml.safe_dump(given, sort_keys=False, allow_unicode=True)
 
 
-def _at_pixel_size(given: dict[str, Any], ratio: float) -> tuple[dict[str, Any], float]:
+def _at_pixel_size(given: dict[str, Any]) -> tuple[dict[str, Any], float]:
     """The configuration at another pixel size, without a model, whose effects belong to one pixel size; and that size, um."""
     sem = dict(given["sem"])
-    sem["pixel_size_um"] = pixel_um = ratio * float(sem["pixel_size_um"])
+    sem["pixel_size_um"] = pixel_um = _PIXEL_RATIO * float(sem["pixel_size_um"])
     profile = sem.get("profile")
     if isinstance(profile, dict) and profile.get("pixel_size_m") is not None:
-        sem["profile"] = {**profile, "pixel_size_m": ratio * float(profile["pixel_size_m"])}
+        sem["profile"] = {**profile, "pixel_size_m": _PIXEL_RATIO * float(profile["pixel_size_m"])}
     return {**{key: value for key, value in given.items() if key != "model"}, "sem": sem}, pixel_um
 
 
@@ -79,9 +79,7 @@ def _travel_px(given: dict[str, Any]) -> float:
 
 
 def _dwell(forecast: ExperimentForecast | None) -> str:
-    return (
-        "half or twice" if forecast is None else {0.5: "half", 1.0: "once", 2.0: "twice"}.get(forecast.dwell, f"{forecast.dwell:g} times")
-    )
+    return "half or twice" if forecast is None else {0.5: "half", 2.0: "twice"}.get(forecast.dwell, f"{forecast.dwell:g} times")
 
 
 def _expected(forecast: ExperimentForecast) -> str:

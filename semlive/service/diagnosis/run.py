@@ -12,7 +12,6 @@ from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.model_effects import observable_effects
 from semlive.diagnose.baseline.observation import HOLD_S, Observation, StepConditions, baseline_solution, make_observation, step_conditions
 from semlive.diagnose.combine import add_intensity_verdict, add_row_verdict
-from semlive.diagnose.experiments.distortion_settling import settling_of_run
 from semlive.diagnose.experiments.forecast import forecast_experiments
 from semlive.diagnose.experiments.proposals import ranked
 from semlive.diagnose.intensity.verdict import diagnose_intensity
@@ -59,15 +58,13 @@ def diagnose_log(
     channels = ImageChannels(settings.scan, (topic_counts(log.path) or {}).get("/pair", 0), watch)
     notes = LogNotes()
     observation, steps = _observed(log, notes, watch, channels)
-    in_maps = [effect for effect in model_effects if non_map_effect(effect.name) is None]
     verdict = diagnose(
         observation,
         seed,
-        model_effects=observable_effects(observation, in_maps),
+        model_effects=observable_effects(observation, [effect for effect in model_effects if non_map_effect(effect.name) is None]),
     )
     extent = replace(verdict.run, pairs=(len(steps), max(pair_count(log.path), len(steps))))
-    settling = settling_of_run(observation, verdict, in_maps)
-    verdict = replace(verdict, model_effects=tuple(model_effects), run=extent, settling=settling)
+    verdict = replace(verdict, model_effects=tuple(model_effects), run=extent)
     verdict = add_stage_evidence(verdict, stage_moves(observation, steps))
     if verdict.experiment is not None:
         verdict = replace(verdict, experiment=ranked(verdict.experiment, forecast_experiments(observation, verdict, model_effects)))
@@ -114,9 +111,7 @@ def propose_next_experiments(
     """
     if verdict.experiment is not None:
         return verdict.experiment.forecasts
-    if verdict.effects:
-        return forecast_experiments(observation, verdict, model_effects)
-    return tuple(forecast for settling in verdict.settling[:1] for forecast in settling.forecasts)
+    return forecast_experiments(observation, verdict, model_effects) if verdict.effects else ()
 
 
 def load_observation(log: OpenedLog, watch: Callable[[str, int, int], None] | None = None) -> Observation:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
 from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
-from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, StartSettling
+from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.experiments.proposals import ExperimentKind, choose_proposal
 from semlive.errors import BadConfig
@@ -82,17 +81,6 @@ def test_each_doubt_has_its_experiment(found: Diagnosis, kind: ExperimentKind) -
     assert proposal is not None
     assert proposal.kind is kind
     assert proposal.description
-
-
-def test_settling_in_the_distortion_has_the_scan_that_separates_its_laws() -> None:
-    laws = ("flyback_settling", "row_start_settling_in_position")
-    decisive = ExperimentForecast("other_magnification", 2.0, 40.0, 12.0, *laws, 0.5)
-    weaker = ExperimentForecast("other_scan", 2.0, 30.0, 2.0, *laws)
-    found = replace(verdict(Outcome.NONE), settling=(StartSettling("row", laws, (), 30.0, (decisive, weaker)),))
-    proposal = choose_proposal(found)
-    assert proposal is not None
-    assert (proposal.kind, proposal.candidates, proposal.forecast) == (ExperimentKind.CHANGED_PIXEL_SIZE, laws, decisive)
-    assert decisive.summary == "other magnification, 0.5 times the pixel size, 2 times the dwell"
 
 
 def test_nothing_is_proposed_where_nothing_is_missing() -> None:
