@@ -1,4 +1,4 @@
-"""Measured times of the rows of a frame: a text table beside the image, or the clock channel of an instrument."""
+"""Measured times of the rows of a frame: a text table with the name of the image, or the clock channel of an instrument."""
 
 from __future__ import annotations
 

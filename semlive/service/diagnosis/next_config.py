@@ -44,7 +44,7 @@ def next_config(log: OpenedLog, proposal: Proposal) -> str:
         given["protocol"] = within_travel(given["protocol"], _travel_px(given))
     pixel_um = None
     if proposal.kind is ExperimentKind.CHANGED_PIXEL_SIZE:
-        given, pixel_um = _at_pixel_size(given)
+        given, pixel_um = at_pixel_size(given)
     run = given.get("run")
     name = run.get("name") if isinstance(run, dict) else None
     given["run"] = {**(run if isinstance(run, dict) else {}), "name": f"{name or 'run'}-{proposal.kind.value.replace('_', '-')}"}
@@ -60,7 +60,7 @@ def next_config(log: OpenedLog, proposal: Proposal) -> str:
     return "\n".join(lines) + "\n" + yaml.safe_dump(given, sort_keys=False, allow_unicode=True)
 
 
-def _at_pixel_size(given: dict[str, Any]) -> tuple[dict[str, Any], float]:
+def at_pixel_size(given: dict[str, Any]) -> tuple[dict[str, Any], float]:
     """The configuration at another pixel size, without a model, whose effects belong to one pixel size; and that size, um."""
     sem = dict(given["sem"])
     sem["pixel_size_um"] = pixel_um = _PIXEL_RATIO * float(sem["pixel_size_um"])
