@@ -113,3 +113,9 @@ class ScanTiming:
         passes = self.line_integrations.value
         pass_delay_s = 0.5 * (passes - 1) / passes * self.row_time_s.value
         return first_visit_s + (pass_delay_s + 0.5 * (self.integrations.value - 1) * self.frame_time_s.value)
+
+    def time_in_row_s(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Time since the first pixel of the row at positions (x, y), in one pass."""
+        if self.clock is None:
+            return np.asarray(self.dwell_time_s.value * x_px)
+        return self.time_in_frame_s(x_px, y_px) - self.time_in_frame_s(np.zeros_like(x_px), y_px)

@@ -226,7 +226,9 @@ def _visited(
     in_frame = np.stack(
         [frame_time.timing.time_in_frame_s(value[:, 0], value[:, 1]) for frame_time, value in zip(frame_times, pixel, strict=True)]
     )
-    in_row = np.stack([frame_time.timing.dwell_time_s.value * value[:, 0] for frame_time, value in zip(frame_times, pixel, strict=True)])
+    in_row = np.stack(
+        [frame_time.timing.time_in_row_s(value[:, 0], value[:, 1]) for frame_time, value in zip(frame_times, pixel, strict=True)]
+    )
     return in_frame + np.array([frame_time.start_s for frame_time in frame_times])[:, None], in_frame, in_row
 
 

@@ -39,6 +39,13 @@ def test_even_rows_are_equation_3() -> None:
     assert timing(even).time_in_frame_s(x, y) == pytest.approx(timing().time_in_frame_s(x, y), abs=1e-12)
 
 
+def test_the_time_in_a_row_is_that_of_its_own_pixels() -> None:
+    x, y = np.array([0.0, 10.0, 63.0]), np.array([2.0, 3.0, 30.0])
+    own = RowClock(tuple((0.01 * np.arange(40)).tolist()), (2e-4,) * 40)
+    np.testing.assert_array_equal(timing().time_in_row_s(x, y), 1e-4 * x)
+    np.testing.assert_allclose(timing(own).time_in_row_s(x, y), 2e-4 * x, atol=1e-12)
+
+
 def test_a_pause_delays_all_later_rows() -> None:
     starts = 0.01 * np.arange(40) + np.where(np.arange(40) >= 20, 3.0, 0.0)
     clocked = timing(RowClock(tuple(starts.tolist())))
