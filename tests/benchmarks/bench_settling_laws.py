@@ -1,7 +1,7 @@
 """Laws of settling at the start of rows and frames: in time, in position, in pixels; one or two exponentials; and the scans that decide.
 
     python tests/benchmarks/bench_settling_laws.py --seeds 10 --nulls 20 --folder laws [--shard 1/2] [--seconds 3000]
-    python tests/benchmarks/bench_settling_laws.py ... --folder laws --score [--write]
+    python tests/benchmarks/bench_settling_laws.py ... --folder laws --score
 
 A calibration of 8 pairs, and the same again with half the dwell and row time, at half the pixel size, or at half the pixel size with
 a quarter of the dwell and row time (both by one factor would leave the laws in time and in position equal); the simulators' own
