@@ -47,6 +47,45 @@ class Sourced(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True)
+class RowClock:
+    """Measured times of the rows of a frame, from the clock of an instrument; they replace equations 1 to 4.
+
+    Attributes:
+        row_start_s: time of the first pixel of each row, seconds since the scan began; the mean over the scans that were integrated.
+        pixel_time_s: time from pixel to pixel in each row, negative for rows scanned from right to left; empty: the dwell time.
+    """
+
+    row_start_s: tuple[float, ...]
+    pixel_time_s: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.row_start_s) < 2:
+            raise ValueError(f"a clock needs the starts of at least 2 rows, not {len(self.row_start_s)}")
+        if self.pixel_time_s and len(self.pixel_time_s) != len(self.row_start_s):
+            raise ValueError(f"the clock has {len(self.row_start_s)} row starts and {len(self.pixel_time_s)} pixel times")
+        if not np.isfinite(self.row_start_s).all() or not np.isfinite(self.pixel_time_s).all():
+            raise ValueError("the clock holds values that are not finite")
+
+    @classmethod
+    def of_channel(cls, time_s: NDArray[np.float64]) -> RowClock:
+        """Clock from the measured time of every pixel, (rows, columns), s: a line fitted to each row."""
+        column = np.arange(time_s.shape[1]) - 0.5 * (time_s.shape[1] - 1)
+        pixel_s = time_s @ column / np.sum(column**2)
+        start_s = time_s.mean(axis=1) - 0.5 * (time_s.shape[1] - 1) * pixel_s
+        return cls(tuple(start_s.tolist()), tuple(pixel_s.tolist()))
+
+    def time_s(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64], dwell_time_s: float) -> NDArray[np.float64]:
+        """Time at positions (x, y), linear between rows; beyond the first and last row with the mean row time."""
+        count = len(self.row_start_s)
+        start_s = np.asarray(self.row_start_s)
+        mean_row_s = (start_s[-1] - start_s[0]) / (count - 1)
+        beyond_s = (y_px - np.clip(y_px, 0.0, count - 1.0)) * mean_row_s
+        rows = np.arange(count)
+        pixel_s = np.interp(y_px, rows, np.asarray(self.pixel_time_s)) if self.pixel_time_s else dwell_time_s
+        return np.asarray(np.interp(y_px, rows, start_s) + beyond_s + x_px * pixel_s)
+
+
+@dataclass(frozen=True, slots=True)
 class ScanTiming:
     """Timing of one raster scan.
 
@@ -56,6 +95,7 @@ class ScanTiming:
         frame_time_s: time of one complete scan, t_F.
         integrations: number of scans M that were integrated into the image.
         line_integrations: passes over each row that were integrated before the next row.
+        clock: measured times of the rows; None: equations 1 to 4.
     """
 
     dwell_time_s: Sourced[float]
@@ -63,6 +103,7 @@ class ScanTiming:
     frame_time_s: Sourced[float]
     integrations: Sourced[int]
     line_integrations: Sourced[int] = Sourced(1, Provenance.ASSUMED)
+    clock: RowClock | None = None
 
     def __post_init__(self) -> None:
         for name in ("dwell_time_s", "row_time_s", "frame_time_s", "integrations", "line_integrations"):
@@ -80,11 +121,20 @@ class ScanTiming:
 
         Positions may be fractional (a subset centre after displacement). With frame integration a pixel is scanned once per scan, so the
         mean time is (M - 1)/2 scans after the first. With L passes over a row, the mean time is (L - 1)/2 passes after the first.
+        The instrument's own clock replaces all of this.
         """
+        if self.clock is not None:
+            return self.clock.time_s(np.asarray(x_px, dtype=np.float64), np.asarray(y_px, dtype=np.float64), self.dwell_time_s.value)
         first_visit_s = np.asarray(x_px) * self.dwell_time_s.value + np.asarray(y_px) * self.row_time_s.value
         passes = self.line_integrations.value
         pass_delay_s = 0.5 * (passes - 1) / passes * self.row_time_s.value
         return first_visit_s + (pass_delay_s + 0.5 * (self.integrations.value - 1) * self.frame_time_s.value)
+
+    def time_in_row_s(self, x_px: NDArray[np.float64], y_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Time since the first pixel of the row at positions (x, y), in one pass."""
+        if self.clock is None:
+            return np.asarray(self.dwell_time_s.value * x_px)
+        return self.time_in_frame_s(x_px, y_px) - self.time_in_frame_s(np.zeros_like(x_px), y_px)
 
 
 @dataclass(frozen=True, slots=True)

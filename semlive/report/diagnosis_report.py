@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect, Outcome
-from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis, DiagnosisFigureData
+from semlive.data.diagnosis.verdict import SETTLING_LAWS, UNDERRESOLVED, Diagnosis, DiagnosisFigureData, settling_text
 from semlive.data.frame import FrameInfo
 from semlive.diagnose.experiments.proposals import choose_proposal
 from semlive.diagnose.simulation_comparison import Comparison
@@ -293,5 +293,6 @@ def _limits(diagnosis: Diagnosis) -> Section:
         found.append(f"{used} of {total} pairs were used, spread over the run, with a drift as much coarser.")
     if diagnosis.truncated:
         found.append("The search ended at the limit of its work: the effects are those found until then, and a residual remains.")
+    found += [f"{text[0].upper()}{text[1:]}.".replace("`", "") for text in map(settling_text, SETTLING_LAWS)]
     missing = [text for text in (diagnosis.images.no_rows, diagnosis.images.no_grey) if text]
     return Section("Limits", (Bullets((*found, *missing)),))

@@ -82,6 +82,11 @@ class Scenario:
         return build_column(self.scan, self.detector, self.speckle, self.drift, self.distortion, self.effects)
 
     @property
+    def row_start_s(self) -> tuple[float, ...]:
+        """True start of each row, mean over its visits, s since the scan began; empty if no clock of the rows is exported."""
+        return tuple(self.effects.timing(self.scan).row_start_s.mean(axis=0).tolist()) if self.export.row_clock else ()
+
+    @property
     def gaged(self) -> bool:
         """Whether the experiment reads the strain gage."""
         machine = self.experiment.get("load_frame")

@@ -61,7 +61,15 @@ def simulate(scenario: Scenario, out: Path, frames: frozenset[int] | None) -> It
         image = render_frame(scenario, shot.start_s, shot.window.motion, shot.frame, column)
         stamp_ns = scenario.stamp_ns(shot.end_ns, START_NS)
         facts = ImageMetadata(
-            scenario.scan, stamp_ns, shot.encoder_x_um, shot.encoder_y_um, shot.frame, name, shot.beam_x_um, shot.beam_y_um
+            scenario.scan,
+            stamp_ns,
+            shot.encoder_x_um,
+            shot.encoder_y_um,
+            shot.frame,
+            name,
+            shot.beam_x_um,
+            shot.beam_y_um,
+            scenario.row_start_s,
         )
         for plan in plan_files(export.encode(image, facts), name, export):
             write_file(plan, out / "export", shot.end_ns, lambda _: contextlib.nullcontext())

@@ -181,8 +181,23 @@ RASTER: dict[str, Formula] = {
         a * math.sin(2 * math.pi * (p.frequency_hz * (t - START_S) + gaussian(p.seed, 4, FRAME)))
         for a in (p.amplitude_x_px, p.amplitude_y_px)
     ),
-    "flyback_settling": lambda p, x, y, t: (p.amplitude_px * math.exp(-x * DWELL_S / p.settling_s), 0.0),
-    "frame_start_settling": lambda p, x, y, t: tuple(a * math.exp(-y * ROW_S / p.settling_s) for a in (p.amplitude_x_px, p.amplitude_y_px)),
+    "flyback_settling": lambda p, x, y, t: (
+        p.amplitude_px * math.exp(-x * DWELL_S / p.settling_s) + p.second_amplitude_px * math.exp(-x * DWELL_S / p.second_settling_s),
+        0.0,
+    ),
+    "row_start_settling_in_position": lambda p, x, y, t: (
+        p.amplitude_um / PIXEL_UM * math.exp(-x * PIXEL_UM / p.length_um)
+        + p.second_amplitude_um / PIXEL_UM * math.exp(-x * PIXEL_UM / p.second_length_um),
+        0.0,
+    ),
+    "frame_start_settling": lambda p, x, y, t: tuple(
+        a * math.exp(-y * ROW_S / p.settling_s) + b * math.exp(-y * ROW_S / p.second_settling_s)
+        for a, b in ((p.amplitude_x_px, p.second_x_px), (p.amplitude_y_px, p.second_y_px))
+    ),
+    "frame_start_settling_in_position": lambda p, x, y, t: tuple(
+        (a * math.exp(-y * PIXEL_UM / p.length_um) + b * math.exp(-y * PIXEL_UM / p.second_length_um)) / PIXEL_UM
+        for a, b in ((p.amplitude_x_um, p.second_x_um), (p.amplitude_y_um, p.second_y_um))
+    ),
     "scan_nonlinearity": nonlinear,
     "magnification_drift": lambda p, x, y, t: scaled(rising(p, p.change, t), x, y),
     "magnification_frame_instability": lambda p, x, y, t: scaled(p.sd * gaussian(p.seed, 15, FRAME), x, y),
@@ -265,6 +280,12 @@ def test_distortion_grows_with_time() -> None:
 TIMES: dict[str, Callable[[Any, int, int, int], float]] = {
     "bidirectional_scan": lambda p, x, y, m: (W - 1 - x if y % 2 else x) * DWELL_S + y * ROW_S,
     "interlaced_scan": lambda p, x, y, m: (y % 2) * H * ROW_S / 2 + (y // 2) * ROW_S + x * DWELL_S,
+    "irregular_rows": lambda p, x, y, m: (
+        y * ROW_S
+        + x * DWELL_S
+        + sum(p.delay_s * abs(gaussian(p.seed, 60, row)) for row in range(1, y + 1))
+        + (p.pause_s if y >= p.pause_row else 0.0)
+    ),
     "frame_integration": lambda p, x, y, m: (m * H * ROW_S + y * ROW_S + x * DWELL_S) / p.scans,
     "wrong_row_time": lambda p, x, y, m: y * ROW_S * (1 + p.row_time_error) + x * DWELL_S,
     "wrong_dwell": lambda p, x, y, m: y * ROW_S + x * DWELL_S * (1 + p.dwell_error),

@@ -17,7 +17,7 @@ from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.cli.shared.report_files import figures_option, pdf_option, write_report_files
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
-from semlive.data.diagnosis.verdict import UNDERRESOLVED, Diagnosis
+from semlive.data.diagnosis.verdict import SETTLING_LAWS, UNDERRESOLVED, Diagnosis, settling_text
 from semlive.diagnose.simulation_comparison import Comparison
 from semlive.report.diagnosis_report import diagnosis_report
 from semlive.report.document.html_writer import html_page
@@ -113,6 +113,8 @@ def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     else:
         console.print(f"rows: {rows.pairs} pairs of {rows.rows}, noise of a pair {rows.noise_px:.4f} px")
     console.print(_grey_line(diagnosis))
+    for start in SETTLING_LAWS:
+        console.print(settling_text(start))
     if diagnosis.experiment is not None:
         console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
         if diagnosis.experiment.forecasts:

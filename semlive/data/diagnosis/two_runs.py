@@ -55,6 +55,7 @@ class TwoRunVerdict:
         separate_log_odds: log-odds for a separate distortion in each run against a common distortion.
         effects: identified effects, most likely first; more than one only with a rotated scan.
         turned: result of a rotated scan; None without rotation.
+        pixel_ratio: pixel size of the last run relative to the first.
     """
 
     outcome: Outcome
@@ -64,3 +65,4 @@ class TwoRunVerdict:
     separate_log_odds: float
     effects: tuple[SharedEffect, ...] = ()
     turned: ScanRotation | None = None
+    pixel_ratio: float = 1.0

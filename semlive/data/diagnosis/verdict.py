@@ -165,6 +165,24 @@ class RunExtent:
     pairs: tuple[int, int] = (0, 0)
 
 
+SETTLING_LAWS = {
+    "row": ("flyback_settling", "row_start_settling_in_position"),
+    "frame": ("frame_start_settling", "frame_start_settling_in_position"),
+}
+"""Laws of settling at the start of rows and frames that frames of one magnification and one dwell cannot separate."""
+SETTLING_DECISION = "other_magnification"
+"""Experiment that separates them."""
+
+
+def settling_text(start: str) -> str:
+    """What a run cannot show of the settling at a start, and the experiment that decides, one sentence."""
+    return (
+        f"settling at the {start} start, if there is any, is part of the distortion and corrected here; one magnification and one dwell "
+        f"cannot separate {' from '.join(SETTLING_LAWS[start])}, so its extent at another magnification or dwell is unknown: "
+        f"`semlive experiment propose --kind {SETTLING_DECISION}` decides"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The verdict of a diagnosis.

@@ -66,6 +66,7 @@ class Observation:
         geometry: scan addresses and times of the blocks.
         steps: conditions before each pair.
         alternative_solution: the solution with the other distortion advection, if the selection is in doubt.
+        pixel_um: pixel size, um; None if unknown.
     """
 
     state: EstimatorState
@@ -76,6 +77,7 @@ class Observation:
     geometry: RunGeometry
     steps: tuple[StepConditions, ...]
     alternative_solution: Solution | None = None
+    pixel_um: float | None = None
 
     @property
     def frames(self) -> int:
@@ -199,6 +201,7 @@ def _scene(
         drift_rate_px_s=_drift_rate(solution, time_s),
         distortion_px=_distortion(solution, address + state.centre_px),
         half_px=float(state.centre_px[0]),
+        half_height_px=float(state.centre_px[1]),
         frame=frames,
         pair=frames // 2,
         start_s=start_s,
@@ -223,7 +226,9 @@ def _visited(
     in_frame = np.stack(
         [frame_time.timing.time_in_frame_s(value[:, 0], value[:, 1]) for frame_time, value in zip(frame_times, pixel, strict=True)]
     )
-    in_row = np.stack([frame_time.timing.dwell_time_s.value * value[:, 0] for frame_time, value in zip(frame_times, pixel, strict=True)])
+    in_row = np.stack(
+        [frame_time.timing.time_in_row_s(value[:, 0], value[:, 1]) for frame_time, value in zip(frame_times, pixel, strict=True)]
+    )
     return in_frame + np.array([frame_time.start_s for frame_time in frame_times])[:, None], in_frame, in_row
 
 

@@ -30,6 +30,8 @@ class ExperimentKind(StrEnum):
     """Every move there and back."""
     CHANGED_SCAN_TIMES = "other_scan"
     """The calibration again with another dwell or row time, which the operator sets."""
+    CHANGED_PIXEL_SIZE = "other_magnification"
+    """The calibration again at another magnification and, where stated, with another dwell, both of which the operator sets."""
     ROTATED_SCAN = "turned_scan"
     """A calibration with large moves, and the same again with the scan rotated by 90 degrees, which the operator sets."""
 
@@ -93,6 +95,10 @@ _DESCRIPTIONS = {
     ExperimentKind.REVERSED: "effects of a move and its reversal",
     ExperimentKind.CHANGED_SCAN_TIMES: (
         "effects that follow the dwell or row time and not the position in the image; see `semlive experiment decide`"
+    ),
+    ExperimentKind.CHANGED_PIXEL_SIZE: (
+        "settling at the start of rows or frames in time, in position or in pixels: a change of pixel size and dwell, not by one factor "
+        "or inverse ones, separates all three; see `semlive experiment decide`"
     ),
     ExperimentKind.ROTATED_SCAN: (
         "effects that rotate with the scan: pixels that are not square, skewed axes, nonlinear ramps; see `semlive experiment decide`"

@@ -53,5 +53,6 @@ _PROTOCOL_CHANGES: dict[ExperimentKind, Callable[[Protocol], Protocol]] = {
     },
     ExperimentKind.REVERSED: _there_and_back,
     ExperimentKind.CHANGED_SCAN_TIMES: lambda protocol: _unloaded(protocol.get("calibration_shifts_px") or []),
+    ExperimentKind.CHANGED_PIXEL_SIZE: lambda protocol: _unloaded(protocol.get("calibration_shifts_px") or []),
     ExperimentKind.ROTATED_SCAN: lambda _: _unloaded(square_px(SQUARE_HALF_WIDTH_PX)) | {"recentre_beyond_px": None},
 }

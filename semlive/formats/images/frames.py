@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from semlive.data.frame import ExportedFile, Frame, FrameInfo
 from semlive.data.settings import ScanProfile
-from semlive.errors import BadImage
+from semlive.errors import BadImage, BadInput
 from semlive.formats.images import frame_metadata
 from semlive.formats.metadata.header import Header
+from semlive.formats.metadata.row_clock import is_row_clock, read_row_clock
 from semlive.formats.vendors import fei, greyscale, hitachi, jeol, plain, png, tescan, tiff, tiff_pages, tiff_pixels, zeiss
 
 SIDECAR_VENDORS = ("jeol", "hitachi")
@@ -101,7 +102,7 @@ def _unreadable_tag_notes(directory: tiff.Directory, header: Header | None) -> t
 
 def _external_header(file: ExportedFile) -> Header:
     header = read_sidecar(file.sidecar or b"", file.mtime_ns)
-    if header is None and file.sidecar:
+    if header is None and file.sidecar and not is_row_clock(file.sidecar):
         return plain.header("the text file of its name is not that of a known microscope, so it is not used.")
     return header or plain.header()
 
@@ -126,7 +127,15 @@ def read_info(file: ExportedFile, profile: ScanProfile) -> FrameInfo:
 
 def parsed_info(parsed: ParsedFile, profile: ScanProfile) -> FrameInfo:
     """Return the metadata of a parsed file, as `read_info` does."""
-    return frame_metadata.frame_info(parsed.file, parsed.header, parsed.width_px, parsed.rows, profile)
+    info = frame_metadata.frame_info(parsed.file, parsed.header, parsed.width_px, parsed.rows, profile)
+    sidecar = parsed.file.sidecar
+    if sidecar is None or not is_row_clock(sidecar):
+        return info
+    try:
+        clock = read_row_clock(sidecar, f"the text file of {info.name}", info.width_px, info.height_px)
+    except BadInput as error:
+        raise BadImage(str(error)) from error
+    return replace(info, timing=replace(info.timing, clock=clock))
 
 
 def read_frame(file: ExportedFile, profile: ScanProfile) -> Frame:

@@ -121,6 +121,7 @@ def scan_message(info: FrameInfo, frame: int | None = None, load: FrameLoad | No
         embedded_time_ns=info.embedded_time_ns,
         notes=info.notes,
         geometry=info.geometry,
+        clock=info.timing.clock,
     )
 
 
@@ -133,7 +134,14 @@ def frame_info(message: ScanMessage) -> FrameInfo:
         width_px=message.width_px,
         height_px=message.height_px,
         databar_rows=message.databar_rows,
-        timing=ScanTiming(message.dwell_time_s, message.row_time_s, message.frame_time_s, message.integrations, message.line_integrations),
+        timing=ScanTiming(
+            message.dwell_time_s,
+            message.row_time_s,
+            message.frame_time_s,
+            message.integrations,
+            message.line_integrations,
+            message.clock,
+        ),
         start_time_ns=message.start_time_ns,
         start_sigma_s=message.start_sigma_s,
         pixel_size_m=message.pixel_size_m,

@@ -27,7 +27,7 @@ REQUIRED_COLUMNS = (
     "shift_x_px",
     "shift_y_px",
 )
-OPTIONAL_COLUMNS = ("gage_strain",)
+OPTIONAL_COLUMNS = ("gage_strain", "pixel_nm")
 _MAX_INTEGER = 10**7
 # Limits that no scan exceeds: a larger value has another unit.
 _MAX_VALUES = {"dwell_s": 0.1, "row_time_s": 100.0, "start_s": 1e8}
@@ -52,6 +52,7 @@ class FrameRow:
         load_n: mean load in N; None without one.
         shift_px: commanded translation (x, y) in px; None if unknown.
         gage_strain: mean of a strain gage; None without one.
+        pixel_nm: pixel size, nm; None if unknown.
     """
 
     line: int
@@ -67,6 +68,7 @@ class FrameRow:
     load_n: float | None
     shift_px: tuple[float, float] | None
     gage_strain: float | None
+    pixel_nm: float | None = None
 
     @property
     def end_s(self) -> float:
@@ -152,7 +154,10 @@ def _row(cells: Mapping[str, str], line: int, where: str, decimal: str) -> Frame
         load_n=at.number_or_none("load_n"),
         shift_px=None if shift[0] is None or shift[1] is None else (shift[0], shift[1]),
         gage_strain=at.number_or_none("gage_strain"),
+        pixel_nm=at.number_or_none("pixel_nm"),
     )
+    if row.pixel_nm is not None and not row.pixel_nm > 0:
+        raise at.wrong("pixel_nm", f"is {row.pixel_nm:g}", "give a size above 0 in nm")
     if row.frame // 2 != row.pair:
         raise at.wrong(
             "pair", f"is {row.pair} but frame {row.frame} belongs to pair {row.frame // 2}", "frames of pair k are 2k and 2k + 1"

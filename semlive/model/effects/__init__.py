@@ -12,7 +12,15 @@ from semlive.model.effects.maps.image_field import (
     SCAN_SHEAR_DRIFT,
 )
 from semlive.model.effects.maps.image_motion import DRIFT_JUMP, JUMP_WITHIN_PAIR, THERMAL_OSCILLATION
-from semlive.model.effects.maps.scan import FLYBACK_SETTLING, FRAME_START_SETTLING, LINE_SYNC_HUM, WRONG_ROW_TIME
+from semlive.model.effects.maps.scan import LINE_SYNC_HUM, WRONG_ROW_TIME
+from semlive.model.effects.maps.settling import (
+    FLYBACK_SETTLING,
+    FRAME_START_SETTLING,
+    FRAME_START_SETTLING_IN_POSITION,
+    ROW_START_SETTLING_IN_POSITION,
+    SETTLING_CLASSES,
+    TWO_TERM_CLASSES,
+)
 from semlive.model.effects.maps.specimen import (
     BENDING_MISALIGNMENT,
     CREEP_IN_HOLD,
@@ -50,11 +58,17 @@ EFFECT_CLASSES: tuple[EffectClass, ...] = (
 """All effect classes of the disparity maps, ordered by groups: scan, field, specimen, drift, charging and correlation."""
 
 TWO_RUN_EFFECT_CLASSES: tuple[EffectClass, ...] = (FLYBACK_SETTLING, FRAME_START_SETTLING, LINE_SYNC_HUM, WRONG_ROW_TIME)
-"""Effects that two runs with different scans separate from distortion; of these, one run shows only the last, and weakly."""
+"""Effects that two runs with different scan times separate from distortion; of these, one run shows only the last, and weakly."""
+
+PIXEL_SIZE_EFFECT_CLASSES: tuple[EffectClass, ...] = (ROW_START_SETTLING_IN_POSITION, FRAME_START_SETTLING_IN_POSITION)
+"""Effects that two runs with different pixel sizes separate from distortion, in addition to those of different scan times."""
 
 __all__ = [
     "EFFECT_CLASSES",
+    "PIXEL_SIZE_EFFECT_CLASSES",
+    "SETTLING_CLASSES",
     "TWO_RUN_EFFECT_CLASSES",
+    "TWO_TERM_CLASSES",
     "BasisField",
     "EffectClass",
     "NonlinearParameter",

@@ -44,12 +44,14 @@ class RunGeometry:
         drift_rate_px_s: (f, b, 2) drift rate by the first estimate between the frames of a pair, interpolated over time.
         distortion_px: (f, b, 2) distortion by the first estimate.
         half_px: half of the image width.
+        half_height_px: half of the image height.
         frame: (f,) numbers of the frames.
         pair: (f,) numbers of their pairs.
         start_s: (f,) start of the scan, seconds after that of frame 0.
         steps: the step of the plan before each frame.
         drift_knot_s: knot distance of the drift spline, s.
         distortion_knot_px: largest knot distance of the distortion spline, px.
+        pixel_ratio: pixel size relative to that of the run with which it is compared.
     """
 
     address_px: Array
@@ -60,12 +62,14 @@ class RunGeometry:
     drift_rate_px_s: Array
     distortion_px: Array
     half_px: float
+    half_height_px: float
     frame: NDArray[np.int64]
     pair: NDArray[np.int64]
     start_s: Array
     steps: FrameSteps
     drift_knot_s: float
     distortion_knot_px: float
+    pixel_ratio: float = 1.0
 
     @property
     def x(self) -> Array:
@@ -76,6 +80,11 @@ class RunGeometry:
     def y(self) -> Array:
         """(f, b) row from the centre, in half widths."""
         return self.address_px[..., 1] / self.half_px
+
+    @property
+    def pixel_px(self) -> Array:
+        """(f, b, 2) column and row from the first pixel of the frame, px."""
+        return self.address_px + np.array([self.half_px, self.half_height_px])
 
     @property
     def load(self) -> Array:

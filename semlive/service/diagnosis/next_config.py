@@ -16,9 +16,15 @@ from semlive.service.log.opened_log import OpenedLog
 _BY_HAND = {
     ExperimentKind.CHANGED_SCAN_TIMES: "Set the scan to {dwell} its dwell and row time before starting; "
     "`semlive experiment decide` reads both logs.",
+    ExperimentKind.CHANGED_PIXEL_SIZE: "Set the magnification to pixels of {pixel_um:.4g} um, and the scan to a quarter of its dwell "
+    "and row time, before starting; `semlive experiment decide` reads both logs.",
     ExperimentKind.ROTATED_SCAN: "Run this twice: with the present scan and, under another run.name, with the scan rotated by 90 degrees. "
     "`semlive experiment decide` reads both logs; the log of this proposal can be the first if its moves were as large.",
 }
+
+
+_PIXEL_RATIO = 0.5
+"""Pixel size of the proposal, relative to that of the run: with a quarter of the dwell, no two laws of settling are equal."""
 
 
 def next_config(log: OpenedLog, proposal: Proposal) -> str:
@@ -36,15 +42,32 @@ def next_config(log: OpenedLog, proposal: Proposal) -> str:
     given["protocol"] = protocol_for(protocol if isinstance(protocol, dict) else {}, proposal.kind)
     if proposal.kind is ExperimentKind.ROTATED_SCAN:
         given["protocol"] = within_travel(given["protocol"], _travel_px(given))
+    pixel_um = None
+    if proposal.kind is ExperimentKind.CHANGED_PIXEL_SIZE:
+        given, pixel_um = at_pixel_size(given)
     run = given.get("run")
     name = run.get("name") if isinstance(run, dict) else None
     given["run"] = {**(run if isinstance(run, dict) else {}), "name": f"{name or 'run'}-{proposal.kind.value.replace('_', '-')}"}
     parse_config(given, str(log.path))
     between = ", ".join(proposal.candidates) or "no identified effect"
     lines = [f"# {proposal.kind.value.replace('_', ' ')}, about {between}: {proposal.description}"]
-    lines += [f"# By hand: {_BY_HAND[proposal.kind].format(dwell=_dwell(proposal.forecast))}"] if proposal.kind in _BY_HAND else []
+    lines += (
+        [f"# By hand: {_BY_HAND[proposal.kind].format(dwell=_dwell(proposal.forecast), pixel_um=pixel_um)}"]
+        if proposal.kind in _BY_HAND
+        else []
+    )
     lines += [_expected(proposal.forecast)] if proposal.forecast else []
     return "\n".join(lines) + "\n" + yaml.safe_dump(given, sort_keys=False, allow_unicode=True)
+
+
+def at_pixel_size(given: dict[str, Any]) -> tuple[dict[str, Any], float]:
+    """The configuration at another pixel size, without a model, whose effects belong to one pixel size; and that size, um."""
+    sem = dict(given["sem"])
+    sem["pixel_size_um"] = pixel_um = _PIXEL_RATIO * float(sem["pixel_size_um"])
+    profile = sem.get("profile")
+    if isinstance(profile, dict) and profile.get("pixel_size_m") is not None:
+        sem["profile"] = {**profile, "pixel_size_m": _PIXEL_RATIO * float(profile["pixel_size_m"])}
+    return {**{key: value for key, value in given.items() if key != "model"}, "sem": sem}, pixel_um
 
 
 def _travel_px(given: dict[str, Any]) -> float:

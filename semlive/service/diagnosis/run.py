@@ -28,6 +28,7 @@ from semlive.model.effects.rows import row_effect
 from semlive.model.effects.stage import non_map_effect
 from semlive.service.diagnosis.images import ImageChannels, ImageData
 from semlive.service.diagnosis.long_runs import coarser_drift, pair_count, thinned
+from semlive.service.diagnosis.model_file import pixel_size_um
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.pairs import LogNotes, Maps, pairs_with_maps, topic_counts
 from semlive.service.log.settings import settings_of
@@ -138,7 +139,7 @@ def _observed(
     assert isinstance(state.estimator_state, EstimatorState)  # of the joint method
     steps = step_conditions(state.pairs, _hold_s(log.run))
     solution, alternative = baseline_solution(state.estimator_state)
-    return make_observation(solution, steps, alternative), steps
+    return replace(make_observation(solution, steps, alternative), pixel_um=_pixel_um(log, state.pairs)), steps
 
 
 def _complete_pairs(log: OpenedLog, notes: LogNotes, channels: ImageChannels | None) -> Iterator[tuple[PairDecision, Maps]]:
@@ -148,6 +149,11 @@ def _complete_pairs(log: OpenedLog, notes: LogNotes, channels: ImageChannels | N
         if channels is not None:
             channels.take(decision, maps)
         yield decision, pipeline.complete_maps(decision.pair, maps)
+
+
+def _pixel_um(log: OpenedLog, pairs: Sequence[PairDecision]) -> float | None:
+    """Pixel size by the configuration, or else by the file of the first frame, um; None if unknown."""
+    return pixel_size_um(log) or 1e6 * pairs[0].first.pixel_size_m.value or None
 
 
 def _hold_s(run: RunMessage) -> float:

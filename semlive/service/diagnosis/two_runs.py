@@ -46,6 +46,7 @@ def decision_json(verdict: TwoRunVerdict) -> dict[str, object]:
         "evidence": dict(verdict.evidence),
         "apart": verdict.separate_log_odds,
         "turned": None if verdict.turned is None else _turned_json(verdict.turned),
+        "pixel_ratio": verdict.pixel_ratio,
     }
 
 

@@ -6,7 +6,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect, ParameterEstimate
-from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast, ExperimentProposal
+from semlive.data.diagnosis.verdict import (
+    SETTLING_DECISION,
+    SETTLING_LAWS,
+    Diagnosis,
+    ExperimentForecast,
+    ExperimentProposal,
+    settling_text,
+)
 
 
 def diagnosis_json(verdict: Diagnosis) -> dict[str, object]:
@@ -27,6 +34,10 @@ def diagnosis_json(verdict: Diagnosis) -> dict[str, object]:
         "pairs": {"used": verdict.run.pairs[0], "of": verdict.run.pairs[1]},
         "rows": _rows_json(verdict),
         "grey": _grey_json(verdict),
+        "settling": [
+            {"start": start, "between": list(laws), "about": settling_text(start), "decides": SETTLING_DECISION}
+            for start, laws in SETTLING_LAWS.items()
+        ],
     }
 
 

@@ -17,13 +17,14 @@ from semlive.data.frame import FrameInfo, FrameOrigin
 from semlive.data.grid import Grid
 from semlive.data.loading import FrameLoad
 from semlive.data.pair import PairDecision
-from semlive.data.scan import Provenance, ScanTiming, Sourced
+from semlive.data.scan import Provenance, RowClock, ScanTiming, Sourced
 from semlive.data.settings import SpecimenSettings
 from semlive.errors import BadInput, BadLog
 from semlive.formats.log import conversions as values
 from semlive.formats.log.maps import encode_map
 from semlive.formats.log.messages import DIC_MAP, DicMessage, RunMessage
 from semlive.formats.log.writer import LogWriter
+from semlive.formats.metadata.row_clock import read_row_clock
 from semlive.formats.tables.disparity_grid import check_inside, grid_of, map_on
 from semlive.formats.tables.disparity_table import DisparityTable, read_disparity_table
 from semlive.formats.tables.frame_table import FrameRow, read_frame_table
@@ -36,6 +37,7 @@ from semlive.service.runtime.versions import versions
 FRAMES = "frames.csv"
 ZERO_NS = 946_684_800_000_000_000
 """Origin of the time axis of the tables, which have no date: 2000-01-01, UTC ns."""
+_CLOCK_SUFFIXES = (".csv", ".txt", ".npy", ".npz")
 _NAME = re.compile(r"disparity_(\d{1,9})_(\d{1,9})\.(?:csv|txt|dat)", re.IGNORECASE)
 NOISE_MAPS = 6  # maps within pairs from which the correlation of the noise is estimated
 _MAX_BYTES = 10**9
@@ -125,7 +127,7 @@ def _write(
 ) -> tuple[Grid, tuple[str, ...], ImportNoise]:
     first, grid, noise, engines = rows[0], None, None, ()
     for pair, (row, next_row) in enumerate(zip(rows[::2], rows[1::2], strict=True)):
-        decision = _decision(row, next_row)
+        decision = _decision(row, next_row, (_clock(request.folder, row), _clock(request.folder, next_row)))
         end_ns = decision.second.end_time_ns
         for reference, current in _maps_of(row.pair, files):
             path = files[reference, current]
@@ -223,11 +225,23 @@ def _run(request: ImportRequest, engines: tuple[str, ...], first: FrameRow, nois
     )
 
 
-def _decision(first: FrameRow, second: FrameRow) -> PairDecision:
+def _clock(folder: Path, row: FrameRow) -> RowClock | None:
+    """Measured times of a frame from ``clock_<frame>`` in the folder; None without such a file."""
+    paths = [path for suffix in _CLOCK_SUFFIXES if (path := folder / f"clock_{row.frame}{suffix}").is_file()]
+    if len(paths) > 1:
+        raise BadInput(f"{paths[1].name}: is a second clock of frame {row.frame}; keep one.")
+    return read_row_clock(_read(paths[0]), paths[0].name, row.width, row.height) if paths else None
+
+
+def _decision(first: FrameRow, second: FrameRow, clocks: tuple[RowClock | None, RowClock | None]) -> PairDecision:
     step = Step(first.pair, first.phase, (0.0, 0.0), first.shift_px or (0.0, 0.0), first.load_n)
     loads = (_load(first), _load(second))
     return PairDecision(
-        first.pair, step, _info(first), _info(second), None if loads[0] is None or loads[1] is None else (loads[0], loads[1])
+        first.pair,
+        step,
+        _info(first, clocks[0]),
+        _info(second, clocks[1]),
+        None if loads[0] is None or loads[1] is None else (loads[0], loads[1]),
     )
 
 
@@ -236,16 +250,18 @@ def _load(row: FrameRow) -> FrameLoad | None:
     return None if load_n is None else FrameLoad(load_n, load_n, load_n, 0.0, gage, None if gage is None else 0.0)
 
 
-def _info(row: FrameRow) -> FrameInfo:
+def _info(row: FrameRow, clock: RowClock | None) -> FrameInfo:
     source = Provenance.CONFIG
     timing = ScanTiming(
         Sourced(row.dwell_s, source),
         Sourced(row.row_time_s, source),
         Sourced(row.height * row.row_time_s, Provenance.DERIVED),
         Sourced(row.integrations, source),
+        clock=clock,
     )
-    start, unknown = Sourced(_ns(row.start_s), source), Sourced(0.0, Provenance.UNKNOWN)
-    return FrameInfo(row.frame, f"frame_{row.frame}", FrameOrigin.IMPORTED.value, row.width, row.height, 0, timing, start, 0.0, unknown)
+    start = Sourced(_ns(row.start_s), source)
+    pixel_m = Sourced(0.0, Provenance.UNKNOWN) if row.pixel_nm is None else Sourced(1e-9 * row.pixel_nm, source)
+    return FrameInfo(row.frame, f"frame_{row.frame}", FrameOrigin.IMPORTED.value, row.width, row.height, 0, timing, start, 0.0, pixel_m)
 
 
 def _summary(disparity: DisparityMap) -> DicMessage:

@@ -37,22 +37,21 @@ from semlive_simulators.effects.image_field import (
 from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.load_cell import FrictionHysteresis, LoadCellDrift, LoadCellGain, LoadCellZero, LoadFrameCompliance
 from semlive_simulators.effects.material import GrainContrast, GrainStrain, Hole, Notch, PlasticHardening
-from semlive_simulators.effects.scan_deflection import (
-    FlybackSettling,
-    FrameStartSettling,
-    LineSyncHum,
-    MainsHum,
-    RowJitter,
-    ScanNonlinearity,
-    Vibration,
-)
+from semlive_simulators.effects.scan_deflection import LineSyncHum, MainsHum, RowJitter, ScanNonlinearity, Vibration
 from semlive_simulators.effects.scan_timing import (
     BidirectionalScan,
     FrameIntegration,
     InterlacedScan,
+    IrregularRows,
     TimestampOffset,
     WrongDwell,
     WrongRowTime,
+)
+from semlive_simulators.effects.settling import (
+    FlybackSettling,
+    FrameStartSettling,
+    FrameStartSettlingInPosition,
+    RowStartSettlingInPosition,
 )
 from semlive_simulators.effects.specimen_motion import (
     CreepInHold,
@@ -72,11 +71,14 @@ _ALL: tuple[type[Effect], ...] = (
     LineSyncHum,
     Vibration,
     FlybackSettling,
+    RowStartSettlingInPosition,
     FrameStartSettling,
+    FrameStartSettlingInPosition,
     ScanNonlinearity,
     BidirectionalScan,
     InterlacedScan,
     WrongRowTime,
+    IrregularRows,
     WrongDwell,
     TimestampOffset,
     FrameIntegration,

@@ -1,4 +1,4 @@
-"""Effects on the deflection of the beam: hum, vibration, jitter, settling and nonlinear ramps."""
+"""Effects on the deflection of the beam: hum, vibration, jitter and nonlinear ramps."""
 
 from __future__ import annotations
 
@@ -132,65 +132,6 @@ class Vibration(Effect):
         """Equal waves in both axes."""
         wave = np.sin(2 * np.pi * (self.frequency_hz * at.in_frame_s + gaussian(self.seed, 4, at.frame)))
         return self.amplitude_x_px * wave, self.amplitude_y_px * wave
-
-
-@dataclass(frozen=True, slots=True)
-class FlybackSettling(Effect):
-    """The beam settles at the start of each row: inductance of the coils, slew rate of the amplifier, eddy currents.
-
-    u = A exp(-x t_D / tau).
-
-    Attributes:
-        amplitude_px: A.
-        settling_s: tau.
-    """
-
-    name: ClassVar[str] = "flyback_settling"
-
-    amplitude_px: float
-    settling_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> FlybackSettling:
-        """0.5 px over 5 columns of 100 us, or 3 px over 40 columns of 5 us."""
-        return cls(pick_by_magnification(magnification, 0.5, 3.0), pick_by_magnification(magnification, 5e-4, 2e-4))
-
-    def offset_px(self, at: PixelVisits) -> Plane:
-        """An exponential decay from the left edge."""
-        return self.amplitude_px * np.exp(-at.x_px * at.scan.dwell_time_s / self.settling_s), np.zeros((1, 1))
-
-
-@dataclass(frozen=True, slots=True)
-class FrameStartSettling(Effect):
-    """The beam settles at the start of a scan: frame fly-back, relaxation of coils and lens.
-
-    (u, v) = A exp(-y t_R / tau).
-
-    Attributes:
-        amplitude_x_px: A in x.
-        amplitude_y_px: A in y.
-        settling_s: tau.
-    """
-
-    name: ClassVar[str] = "frame_start_settling"
-
-    amplitude_x_px: float
-    amplitude_y_px: float
-    settling_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> FrameStartSettling:
-        """0.3 or 2 px for 5 or 0.5 s."""
-        return cls(
-            pick_by_magnification(magnification, 0.15, 1.0),
-            pick_by_magnification(magnification, 0.3, 2.0),
-            pick_by_magnification(magnification, 5.0, 0.5),
-        )
-
-    def offset_px(self, at: PixelVisits) -> Plane:
-        """An exponential decay from the upper edge."""
-        decay = np.exp(-at.y_px * at.scan.row_time_s / self.settling_s)
-        return self.amplitude_x_px * decay, self.amplitude_y_px * decay
 
 
 @dataclass(frozen=True, slots=True)

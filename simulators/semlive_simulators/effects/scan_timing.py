@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.kernels.exposure import gaussians
 from semlive_simulators.microscope.scan import Scan, Timing
 
 
@@ -84,6 +85,39 @@ class WrongRowTime(Effect):
         """Stretch all row starts."""
         stretch = 1 + self.row_time_error
         return replace(timing, row_start_s=timing.row_start_s * stretch, row_time_s=timing.row_time_s * stretch)
+
+
+@dataclass(frozen=True, slots=True)
+class IrregularRows(Effect):
+    """Rows start late at random, for example while they wait for a trigger, and the scan pauses once; delays add up over the frame.
+
+    t = y t_R + delta_1 + ... + delta_y + pause (from a row on) + x t_D, delta half of a normal distribution.
+
+    Attributes:
+        delay_s: root mean square of the delay of a row.
+        pause_row: row before which the scan pauses.
+        pause_s: duration of the pause.
+        seed: seed of the delays, which are the same in each frame.
+    """
+
+    name: ClassVar[str] = "irregular_rows"
+
+    delay_s: float
+    pause_row: int = 0
+    pause_s: float = 0.0
+    seed: int = 1
+
+    @classmethod
+    def defaults(cls, magnification: Magnification) -> IrregularRows:
+        """A tenth of the row time of 0.1 s for each row, and a pause of 20 s before row 300."""
+        return cls(pick_by_magnification(magnification, 0.01, 0.01), 300, 20.0)
+
+    def retime(self, timing: Timing, scan: Scan) -> Timing:
+        """Delay all rows by the sum of the delays so far."""
+        delay_s = self.delay_s * np.abs(gaussians(self.seed, 60, 0, scan.height_px))
+        delay_s[0] = 0.0
+        late_s = np.cumsum(delay_s) + np.where(np.arange(scan.height_px) >= max(self.pause_row, 1), self.pause_s, 0.0)
+        return replace(timing, row_start_s=timing.row_start_s + late_s)
 
 
 @dataclass(frozen=True, slots=True)

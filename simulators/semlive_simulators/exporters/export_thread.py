@@ -132,7 +132,15 @@ class ExportThread:
         name = scenario.export.free_name(item.frame, lambda file: (self._folder / file).exists())
         stamp_ns = scenario.stamp_ns(item.end_time_ns, self._clock.start_ns)
         facts = ImageMetadata(
-            scenario.scan, stamp_ns, reading.stage.x_um, reading.stage.y_um, item.frame, name, reading.beam.x_um, reading.beam.y_um
+            scenario.scan,
+            stamp_ns,
+            reading.stage.x_um,
+            reading.stage.y_um,
+            item.frame,
+            name,
+            reading.beam.x_um,
+            reading.beam.y_um,
+            scenario.row_start_s,
         )
         image, *sidecars = plan_files(scenario.export.encode(item.image, facts), name, scenario.export, item.frame)
         write_file(image, self._folder, begin_ns, lambda since_s: self._at("export", begin_ns + round(since_s * 1e9)))

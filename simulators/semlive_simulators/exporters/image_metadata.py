@@ -28,6 +28,7 @@ class ImageMetadata:
         name: name of the image file.
         beam_x_um: beam shift that the column reports, um.
         beam_y_um: likewise.
+        row_start_s: start of each row by the clock of the instrument, s since the scan began; empty without such a clock.
     """
 
     scan: Scan
@@ -38,6 +39,7 @@ class ImageMetadata:
     name: str = ""
     beam_x_um: float = 0.0
     beam_y_um: float = 0.0
+    row_start_s: tuple[float, ...] = ()
 
     @property
     def end_time(self) -> datetime:

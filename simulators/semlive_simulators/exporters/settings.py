@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from pydantic import ConfigDict
@@ -71,6 +71,7 @@ class Export:
         collision: for a name that exists, ``overwrite`` replaces the old file, ``number`` appends ``_1``, ``_2``, ... to the new name.
         never_finished: frames, counted from 0, whose file is never completed, as after a crash of the software or a full disk.
         finished_part: fraction of the bytes of such a file that is written, 0 to 1.
+        row_clock: whether the true start of each row is written to a text file with the name of the image, for vendors without one.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -88,6 +89,7 @@ class Export:
     collision: Collision = Collision.OVERWRITE
     never_finished: tuple[int, ...] = ()
     finished_part: float = 0.6
+    row_clock: bool = False
 
     def __post_init__(self) -> None:
         if self.chunks < 1:
@@ -117,4 +119,8 @@ class Export:
 
     def encode(self, image: Pixels, facts: ImageMetadata) -> EncodedFrame:
         """The files of a frame."""
-        return _ENCODERS[self.vendor](image, facts, self.databar_rows)
+        product = _ENCODERS[self.vendor](image, facts, self.databar_rows)
+        if not self.row_clock or product.sidecar is not None:
+            return product
+        rows = "".join(f"{value!r}\n" for value in facts.row_start_s)
+        return replace(product, sidecar=f"row_start_s\n{rows}".encode())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from blind.experiment import GRID, Conditions, hidden
 from numexp.world import HEIGHT_PX, WIDTH_PX
 
@@ -26,4 +28,4 @@ def observed(
         state = estimate.update(state, one.pose.pair, one.pose.phase, one.times, one.maps)
     steps = [StepConditions(one.pose.pair, one.pose.phase, (one.pose.load_n, one.pose.load_n), one.pose.commanded_px) for one in pairs]
     solution, other = baseline_solution(state)
-    return make_observation(solution, steps, other)
+    return replace(make_observation(solution, steps, other), pixel_um=conditions.scan.pixel_size_um)

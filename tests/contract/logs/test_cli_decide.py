@@ -16,7 +16,7 @@ from numexp.world import SCAN
 from semlive.data.grid import Grid
 from semlive.diagnose.experiments.protocols import square_px
 from semlive_simulators.effects.image_field import AnisotropicPixel
-from semlive_simulators.effects.scan_deflection import FlybackSettling
+from semlive_simulators.effects.settling import FlybackSettling
 from semlive_simulators.microscope.scan import Scan
 
 Printed = tuple[int, str, str]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,9 @@ from numexp.experiment import Experiment, make_experiment
 
 from semlive.data.grid import Grid
 from semlive.errors import BadInput
+from semlive.formats.log.conversions import pair_decision
 from semlive.formats.log.maps import decode_map
-from semlive.formats.log.messages import DIC_MAP
+from semlive.formats.log.messages import DIC_MAP, PairMessage, from_json
 from semlive.service.analysis.result_json import result_json
 from semlive.service.log.files import messages
 from semlive.service.replay.import_maps import ImportRequest, import_folder
@@ -140,6 +142,31 @@ def test_what_an_import_did_not_write_is_never_overwritten(copy: Path) -> None:
 def test_maps_of_other_pairs_are_omitted_and_reported(copy: Path) -> None:
     shutil.copy(copy / "disparity_0_8.csv", copy / "disparity_3_8.csv")
     assert import_folder(ImportRequest(copy, copy.parent / "log.mcap")).skipped == ("disparity_3_8.csv",)
+
+
+def test_a_clock_beside_the_maps_and_the_pixel_size_are_in_the_log(copy: Path) -> None:
+    """The clock has the times of equations 1 to 4 before a pause in frame 3, and later ones after it."""
+    frames = (copy / "frames.csv").read_text().splitlines()
+    (copy / "frames.csv").write_text("\n".join([frames[0] + ",pixel_nm", *(line + ",1250" for line in frames[1:])]) + "\n")
+    row_time_s = float(frames[1].split(",")[frames[0].split(",").index("row_time_s")])
+    starts = [row * row_time_s + 7.0 * (row >= 400) for row in range(884)]
+    (copy / "clock_3.csv").write_text("\n".join(["row_start_s", *map(repr, starts)]) + "\n")
+    log = copy.parent / "log.mcap"
+    import_folder(ImportRequest(copy, log))
+    logged = [from_json(one.topic, one.payload) for one in messages(log) if one.topic == "/pair"]
+    pairs = [pair_decision(one) for one in logged if isinstance(one, PairMessage)]
+    clocks = {info.export: info.timing.clock for pair in pairs for info in (pair.first, pair.second)}
+    assert {frame for frame, clock in clocks.items() if clock is not None} == {3}
+    timing = pairs[1].second.timing
+    nominal = replace(timing, clock=None)
+    assert timing.time_in_frame_s(10.0, 399.0) == pytest.approx(nominal.time_in_frame_s(10.0, 399.0), abs=1e-9)
+    assert timing.time_in_frame_s(10.0, 400.0) == pytest.approx(nominal.time_in_frame_s(10.0, 400.0) + 7.0, abs=1e-9)
+    assert pairs[0].first.pixel_size_m.value == pytest.approx(1.25e-6)
+
+
+def test_a_clock_of_another_frame_size_is_refused(copy: Path) -> None:
+    (copy / "clock_3.csv").write_text("row_start_s\n0\n0.1\n")
+    assert refused(copy).startswith("clock_3.csv: holds 2 rows, and the frame has 884")
 
 
 def test_images_cannot_be_replayed_where_there_are_none(semlive: Semlive, imported: Path) -> None:

@@ -15,7 +15,7 @@ from semlive.estimate.joint.observations.state import EstimatorState
 from semlive.model import DistortionSpline, UniformSpline
 from semlive.model.knots import towards_start
 from semlive_simulators.effects.interfaces import PixelVisits
-from semlive_simulators.effects.scan_deflection import FlybackSettling
+from semlive_simulators.effects.settling import FlybackSettling
 from semlive_simulators.microscope.scan import Scan
 from semlive_simulators.specimen.specimen import at_rest
 

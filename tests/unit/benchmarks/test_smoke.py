@@ -42,6 +42,7 @@ RUNS: dict[str, tuple[str, ...]] = {
     "bench_replay": ("--pairs", "3", "--step", "40"),
     "bench_rows": ("smoke",),
     "bench_rtu": ("--readings", "50"),
+    "bench_settling_laws": ("--score", "--folder", "FOLDER"),
     "bench_startup": ("--smoke",),
     "bench_stop": ("--runs", "1", "--workers", "1"),
     "bench_turned": ("--score", "--folder", "FOLDER"),

@@ -22,12 +22,15 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import project
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import sample_within_blocks
-from semlive.diagnose.two_runs.decide import compare_runs, join_runs, relative_to_reference
+from semlive.diagnose.two_runs.decide import compare_runs
+from semlive.diagnose.two_runs.join import join_runs
+from semlive.diagnose.two_runs.joint_evidence import relative_to_reference
 from semlive.errors import IllPosed
 from semlive.model.effects import EFFECT_CLASSES, TWO_RUN_EFFECT_CLASSES
 from semlive_simulators.effects.interfaces import Effect
-from semlive_simulators.effects.scan_deflection import FlybackSettling, FrameStartSettling, LineSyncHum
+from semlive_simulators.effects.scan_deflection import LineSyncHum
 from semlive_simulators.effects.scan_timing import WrongRowTime
+from semlive_simulators.effects.settling import FlybackSettling, FrameStartSettling
 from semlive_simulators.microscope.scan import Scan
 
 GRID = Grid(56, 56, 45, 20, 17, 43)  # a block is a point

@@ -21,7 +21,7 @@ from semlive.model.effects.rows import ROW_DICTIONARY
 from semlive.model.effects.stage import MOVES, non_map_effect
 from semlive.service.config.configuration import parse_config
 from semlive.service.diagnosis.model_scenario import SIMULATED_EFFECTS, scenario_yaml
-from semlive.service.diagnosis.next_config import protocol_for
+from semlive.service.diagnosis.next_config import at_pixel_size, protocol_for
 from semlive_simulators.effects.charging import ChargingLocalLens
 from semlive_simulators.scenario import load_scenario
 
@@ -95,8 +95,17 @@ def test_every_experiment_is_a_protocol_that_the_daemon_takes(kind: ExperimentKi
     assert protocol_for(PROTOCOL, kind) != PROTOCOL or kind in (
         ExperimentKind.REPEAT,
         ExperimentKind.CHANGED_SCAN_TIMES,
+        ExperimentKind.CHANGED_PIXEL_SIZE,
         ExperimentKind.ROTATED_SCAN,
     )
+
+
+def test_another_magnification_is_in_the_configuration_and_a_model_of_this_one_is_not() -> None:
+    given = {"sem": {"pixel_size_um": 1.25, "profile": {"pixel_size_m": 1.25e-6, "databar_rows": 4}}, "model": {"effects": []}, "run": {}}
+    changed, pixel_um = at_pixel_size(given)
+    assert pixel_um == 0.625
+    assert changed == {"sem": {"pixel_size_um": 0.625, "profile": {"pixel_size_m": 6.25e-7, "databar_rows": 4}}, "run": {}}
+    assert given["sem"]["pixel_size_um"] == 1.25
 
 
 def model(path: Path, name: str) -> Path:

@@ -22,10 +22,13 @@ NAMES = [
     "line_sync_hum",
     "vibration",
     "flyback_settling",
+    "row_start_settling_in_position",
     "frame_start_settling",
+    "frame_start_settling_in_position",
     "scan_nonlinearity",
     "bidirectional_scan",
     "interlaced_scan",
+    "irregular_rows",
     "frame_integration",
     "wrong_row_time",
     "wrong_dwell",
@@ -78,7 +81,9 @@ PEAKS_PX: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
     "line_sync_hum": ((0.001, 0.03), (0.05, 2.0)),
     "vibration": ((0.005, 0.02), (0.04, 1.0)),
     "flyback_settling": ((0.05, 2.0), (0.5, 10.0)),
+    "row_start_settling_in_position": ((0.05, 2.0), (0.5, 10.0)),
     "frame_start_settling": ((0.05, 1.0), (0.1, 5.0)),
+    "frame_start_settling_in_position": ((0.05, 1.0), (0.1, 5.0)),
     "scan_nonlinearity": ((0.5, 2.0), (0.5, 3.0)),
     "bidirectional_scan": ((0.1, 5.0), (0.1, 5.0)),
     "magnification_drift": ((0.003, 0.4), (0.003, 0.4)),
@@ -117,7 +122,7 @@ PEAKS_PX: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
 
 
 def test_names_are_those_of_reports_and_of_their_classes() -> None:
-    assert len(NAMES) == 54
+    assert len(NAMES) == 57
     assert set(LIBRARY) == set(NAMES)
     for name, kind in LIBRARY.items():
         assert kind.__name__ == name.title().replace("_", "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from semlive.data.experiment import Step
 from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.loading import FrameLoad
-from semlive.data.scan import Provenance, ScanGeometry, Sourced
+from semlive.data.scan import Provenance, RowClock, ScanGeometry, Sourced
 from semlive.formats.log.messages.base import Message, MonotonicStamped
 
 
@@ -69,6 +69,7 @@ class ScanMessage(Message):
     embedded_time_ns: int | None = None
     notes: tuple[str, ...] = ()
     geometry: ScanGeometry = ScanGeometry()
+    clock: RowClock | None = None
 
 
 class ScanReadingMessage(Message):

@@ -1,4 +1,4 @@
-"""Effects of the scan on disparity maps: wrong row time, settling of the beam, and hum in step with the rows."""
+"""Effects of the scan on disparity maps: wrong row time, and hum in step with the rows; settling is in `settling`."""
 
 import math
 from collections.abc import Sequence
@@ -13,9 +13,8 @@ from semlive.model.effects.effect_class import (
     ReportedParameter,
     Values,
     values_grid,
-    xy_parameters,
 )
-from semlive.model.effects.run_geometry import RunGeometry, field_column, xy_columns
+from semlive.model.effects.run_geometry import RunGeometry, field_column
 
 # Wrong row time: fly-back omitted, a wrong digit, or integrated or interlaced scans.
 
@@ -62,49 +61,6 @@ WRONG_ROW_TIME = EffectClass(
     discriminating_experiment="pairs with another row time, and the duration of a frame by the "
     "clock: 1 + delta = 1/M is integration of M scans",
     alias_rule=alias_names,
-)
-
-
-# Settling of the beam at the start of rows; its extent in columns depends on the dwell time.
-FLYBACK_SETTLING_S = tuple(np.geomspace(1e-4, 2e-2, 12))
-
-
-def _flyback_settling(scene: RunGeometry, values: Values) -> BasisField:
-    """Along x, A exp(-x t_D / tau)."""
-    fall = np.exp(-scene.time_in_row_s / values["settling_s"])
-    return BasisField(field_column(fall, np.zeros_like(fall)), (ReportedParameter("amplitude_px", "px", np.ones(1)),))
-
-
-FLYBACK_SETTLING = EffectClass(
-    "flyback_settling",
-    "rows begin before the beam has settled",
-    _flyback_settling,
-    values_grid("settling_s", FLYBACK_SETTLING_S),
-    nonlinear_parameters=(NonlinearParameter("settling_s", "s", 1.62, ratio=True),),
-    group="G4",
-    discriminating_experiment="the calibration again with half or twice the dwell: settling changes its extent, the distortion does not",
-    sizes_px=(0.003, 10.0),
-)
-
-
-# Settling of the beam at the start of frames; its extent in rows depends on the row time.
-FRAME_START_SETTLING_S = tuple(np.geomspace(0.3, 30.0, 10))
-
-
-def _frame_start_settling(scene: RunGeometry, values: Values) -> BasisField:
-    """(u, v) = A exp(-y t_R / tau)."""
-    return BasisField(xy_columns(np.exp(-scene.row_start_s / values["settling_s"])), xy_parameters("px"))
-
-
-FRAME_START_SETTLING = EffectClass(
-    "frame_start_settling",
-    "frames begin before the beam has settled",
-    _frame_start_settling,
-    values_grid("settling_s", FRAME_START_SETTLING_S),
-    nonlinear_parameters=(NonlinearParameter("settling_s", "s", 1.67, ratio=True),),
-    group="G4",
-    discriminating_experiment="the calibration again with half or twice the row time: settling changes its extent, the distortion does not",
-    sizes_px=(0.003, 10.0),
 )
 
 
