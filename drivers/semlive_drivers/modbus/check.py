@@ -31,7 +31,7 @@ from semlive_drivers.units import factor
 
 _COUNTER_WAIT_S = 0.3
 """Time between two readings of the counter of readings."""
-_SAMPLES, _SAMPLE_WAIT_S = 3, 0.1
+_SAMPLES, _SAMPLE_WAIT_S = 6, 0.05
 """Readings of the registers near the measured numbers, and the time between them."""
 
 Registers = dict[str, tuple[int, ...]]

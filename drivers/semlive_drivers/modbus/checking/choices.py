@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from semlive_drivers.modbus.checking.evidence import Samples, bits_of, jump_bits, noise_of, value_of
+from semlive_drivers.modbus.checking.evidence import Samples, bits_of, jump_bits, mean_and_noise, value_of
 from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint, WordOrder
 from semlive_drivers.panel_reading import PanelReading
 
@@ -95,7 +95,7 @@ def choice_of(
         return None
     bits += jump_bits(point, samples, points, measured.largest)
     if measured.panel is not None:
-        return _scaled(measured.panel, described, point, value, bits, noise_of(point, samples, points), format_differs)
+        return _scaled(measured.panel, described, point, mean_and_noise(point, samples, points), bits, format_differs)
     scale_open = format_differs and not point.dtype.is_float
     if measured.plausible is not None and not scale_open and not measured.plausible[0] <= value <= measured.plausible[1]:
         return None
@@ -103,19 +103,18 @@ def choice_of(
 
 
 def _scaled(
-    panel: PanelReading, described: RegisterPoint, point: RegisterPoint, value: float, bits: float, noise: float, format_differs: bool
+    panel: PanelReading, described: RegisterPoint, point: RegisterPoint, read: tuple[float, float], bits: float, format_differs: bool
 ) -> Choice | None:
-    """The choice with the simplest scale under which the value is the known reading."""
-    raw = value - point.offset
+    """The choice with the simplest scale under which the mean of the samples is the known reading; `read` is mean and noise."""
+    mean, noise = read
+    raw = mean - point.offset
     for cost, scale in sorted(_scales(described, point, raw, panel.value - point.offset, format_differs)):
         scaled = raw * scale / point.scale + point.offset
-        tolerance = panel.tolerance + 2 * noise * abs(scale / point.scale)
-        if not point.dtype.is_float:
-            tolerance += 0.5 * abs(scale)
-        if abs(scaled - panel.value) <= tolerance and cost <= _LARGEST_BITS_OF_SCALE:
+        spread = 2 * noise * abs(scale / point.scale) + (0.0 if point.dtype.is_float else 0.5 * abs(scale))
+        if cost <= _LARGEST_BITS_OF_SCALE and panel.agrees(scaled, spread):
             # The registers are those of the panel's reading, within its tolerance: only what remains open must be described.
-            spread = abs(panel.value) / tolerance if panel.value else 1.0
-            return Choice(replace(point, scale=scale), scaled, max(2.0, bits - math.log2(1.0 + spread)) + cost)
+            resolved = abs(panel.value) / (panel.tolerance + spread) if panel.value else 1.0
+            return Choice(replace(point, scale=scale), scaled, max(2.0, bits - math.log2(1.0 + resolved)) + cost)
     return None
 
 
