@@ -161,13 +161,16 @@ def _is_grouped_line(cells: Sequence[str]) -> bool:
 def check_description(layout: Layout, rows: Rows) -> None:
     """Refuse lines such as ``Specimen;7``, which may be a description above a table that is not written yet.
 
+    A column of states, such as ``OK;7``, repeats its texts.
+
     Raises:
-        Misfit: the first of two columns contains another text in each of several lines.
+        Misfit: the first column is not required, and has another text in each of two columns, or few lines for each text without names.
     """
-    if len(layout.columns) != 2 or layout.number_places != (1,) or len(rows) < 2:
+    texts = [cells[0] for _, cells in rows if cells and cells[0][:1].isalpha() and not is_lost(cells[0])]
+    if not texts or 0 in layout.number_places:
         return
-    texts = [cells[0] for _, cells in rows]
-    if all(text[:1].isalpha() and not is_lost(text) for text in texts) and len(set(texts)) == len(texts):
+    different = len(set(texts))
+    if (len(layout.columns) == 2 and different == len(rows)) or (not layout.head_line and LINES_BELOW_A_TITLE * different > len(texts)):
         message = f"{layout.where}: line {rows[0][0]}: may be the description of a test; name the column, or wait for lines of numbers."
         raise Misfit(DEFINITE, AmbiguousTable(message))
 

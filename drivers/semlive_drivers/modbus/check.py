@@ -11,7 +11,7 @@ from semlive.errors import LinkError, LinkRefused
 from semlive_drivers.device_part import OrderBook
 from semlive_drivers.maps import is_of_a_machine
 from semlive_drivers.modbus.checking.answers import describe_answer
-from semlive_drivers.modbus.checking.choices import Measured
+from semlive_drivers.modbus.checking.choices import FORCE_UNITS, LENGTH_UNITS, Measured
 from semlive_drivers.modbus.checking.diagnosis import Diagnosis, diagnose
 from semlive_drivers.modbus.checking.explanations import Described
 from semlive_drivers.modbus.checking.reader import Reader, Register
@@ -193,7 +193,8 @@ def _measured(device: DeviceMap, points: Mapping[str, RegisterPoint], panel: Map
     for name in names:
         key, unit = units.get(name, ("", "1"))
         reading = panel[key].in_unit(factor(unit, name)) if key in panel else None
-        found.append(Measured(name, device.plausible.get(name), reading))
+        other_units = {"force_reads": FORCE_UNITS, "extension_reads": LENGTH_UNITS}.get(key, ())
+        found.append(Measured(name, device.plausible.get(name), reading, other_units))
     return tuple(found)
 
 
