@@ -81,7 +81,7 @@ def test_a_gauge_reports_its_load_and_nothing_else_as_one(name: str, replies: tu
             with pytest.raises(LinkError):
                 frame.read()
         frame.close()
-    assert set(requests) == {{"mark10_gauge": "?C", "imada_gauge": "D", "mettler_sics": "SI"}[name]}
+    assert {request.strip() for request in requests} == {{"mark10_gauge": "?C", "imada_gauge": "D", "mettler_sics": "SI"}[name]}
 
 
 CHECKED = """
