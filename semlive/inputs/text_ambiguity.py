@@ -136,7 +136,9 @@ def check_groups(layout: Layout, rows: Rows) -> None:
         both = f"{cells[0]} and {cells[1]}"
         message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands."
         raise Misfit(DEFINITE, AmbiguousTable(message))
-    if layout.separator == "," and layout.head_line and not any(is_no_name(column.raw) for column in layout.columns):
+    # Without a name, the last column may be a lost value of the column before it.
+    certain = layout.columns[-1].raw != "" and not any(is_no_name(column.raw) for column in layout.columns)
+    if layout.separator == "," and layout.head_line and certain:
         return
     rule = all if layout.head_line else any
     for place in range(len(layout.columns) - 1):

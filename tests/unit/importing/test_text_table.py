@@ -178,6 +178,8 @@ def test_a_blank_that_groups_digits_is_no_separator() -> None:
         ("4,4 061\n-3,2 116\n", 2, "may mean '4' and '4 061', or '4,4 061'"),
         # The second value of a line with decimal commas may be lost.
         ("u / px,Weg / mm\n24,63,\n", "u", "may mean '24' and '63', or '24,63'"),
+        # A number with thousands and a lost last value are as many cells as five names, of which the last is empty.
+        ("Ext, u, Kraft, Strain\n297,129.194, 2.882, #N/A, \n", "Ext", "297 and 129.194 may be one number"),
         # Names and numbers with different separators.
         ("# x y u v\n1.5,2,0.1,0.2\n", "u", "line 2: has commas between the numbers, but blanks between the names"),
         ("x,y,u,v\n1.5;2;0.1;0.2\n", "u", "line 2: has semicolons between the numbers, but commas between the names"),
