@@ -13,6 +13,9 @@ OPTIONS = {"force_reads": "--force-reads", "extension_reads": "--extension-reads
 _MIN_COUNTS = 20
 """A reading of fewer units of its last digit shows neither scale nor number format."""
 
+_ROUNDED = 0.5000001
+"""Units of the last digit by which rounding makes a reading larger than its value at most, with the error of binary numbers."""
+
 
 @dataclass(frozen=True, slots=True)
 class PanelReading:
@@ -30,6 +33,16 @@ class PanelReading:
     def proves(self) -> bool:
         """Whether it is large enough to prove scale and number format."""
         return abs(self.value) >= _MIN_COUNTS * self.tolerance
+
+    def agrees(self, value: float, spread: float) -> bool:
+        """Whether the panel may show this reading at a value: it rounds to the nearest digit, or cuts off the digits beyond.
+
+        Args:
+            value: of the device, in the unit of the reading.
+            spread: how far the value may be from that at the time of the reading, in the same unit.
+        """
+        smaller = self.value and abs(value) < abs(self.value)
+        return abs(value - self.value) <= self.tolerance * (_ROUNDED if smaller else 1.0) + spread
 
     def in_unit(self, factor: float) -> PanelReading:
         """The reading in another unit.

@@ -136,7 +136,9 @@ def check_groups(layout: Layout, rows: Rows) -> None:
         both = f"{cells[0]} and {cells[1]}"
         message = f"{layout.where}: line {line}: {both} may be one number; write no sign between thousands."
         raise Misfit(DEFINITE, AmbiguousTable(message))
-    if layout.separator == "," and layout.head_line and not any(is_no_name(column.raw) for column in layout.columns):
+    # Without a name, the last column may be a lost value of the column before it.
+    certain = layout.columns[-1].raw != "" and not any(is_no_name(column.raw) for column in layout.columns)
+    if layout.separator == "," and layout.head_line and certain:
         return
     rule = all if layout.head_line else any
     for place in range(len(layout.columns) - 1):
@@ -161,13 +163,16 @@ def _is_grouped_line(cells: Sequence[str]) -> bool:
 def check_description(layout: Layout, rows: Rows) -> None:
     """Refuse lines such as ``Specimen;7``, which may be a description above a table that is not written yet.
 
+    A column of states, such as ``OK;7``, repeats its texts.
+
     Raises:
-        Misfit: the first of two columns contains another text in each of several lines.
+        Misfit: the first column is not required, and has another text in each of two columns, or few lines for each text without names.
     """
-    if len(layout.columns) != 2 or layout.number_places != (1,) or len(rows) < 2:
+    texts = [cells[0] for _, cells in rows if cells and cells[0][:1].isalpha() and not is_lost(cells[0])]
+    if not texts or 0 in layout.number_places:
         return
-    texts = [cells[0] for _, cells in rows]
-    if all(text[:1].isalpha() and not is_lost(text) for text in texts) and len(set(texts)) == len(texts):
+    different = len(set(texts))
+    if (len(layout.columns) == 2 and different == len(rows)) or (not layout.head_line and LINES_BELOW_A_TITLE * different > len(texts)):
         message = f"{layout.where}: line {rows[0][0]}: may be the description of a test; name the column, or wait for lines of numbers."
         raise Misfit(DEFINITE, AmbiguousTable(message))
 

@@ -93,6 +93,17 @@ def names_above(lines: Sequence[str], start: int, separator: str, cells: int) ->
     return [], 0
 
 
+def separator_above(lines: Sequence[str], start: int, cells: int) -> str:
+    """Return the separator of a comment above the numbers that has so many cells by itself; empty if it has another number."""
+    for line in reversed(lines[:start]):
+        if line.strip() and is_head_comment(line) and not is_decoration(line):
+            text = comment_text(line)
+            separator = own_separator(text)
+            names = _cells(text, separator)
+            return separator if len(joined_units(names) if separator == " " else names) == cells > 1 else ""
+    return ""
+
+
 def _names_in(text: str, separator: str, cells: int, below: str) -> tuple[list[str], bool]:
     """Return the cells of a comment above a line of so many cells, and whether they can be names."""
     barred = [name.strip() for name in text.strip("| ").split("|")]

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from semlive.errors import BadInput
-from semlive.inputs.text_cells import LONGEST_LINE, Column, split
+from semlive.inputs.text_cells import LONGEST_LINE, Column, is_line_of_numbers, split
+from semlive.inputs.text_head import own_separator
 from semlive.inputs.text_number import Sign, is_lost, is_whole, sign_of
 
 SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"}
@@ -100,6 +101,14 @@ class Layout:
         return replace(self, decimal=shown[0]) if len(shown) == 1 else self
 
 
+def two_separators(names: str, numbers: str) -> str:
+    """Return the reason for a refusal where names and numbers have different separators."""
+    return (
+        f"has {SEPARATOR_NAMES.get(numbers, repr(numbers))} between the numbers, but {SEPARATOR_NAMES.get(names, repr(names))} between "
+        "the names; write one separator in all lines."
+    )
+
+
 def miscounted(place: str, cells: Sequence[str], expected: int, separator: str, named: int) -> BadInput:
     """Return the error for a line with another number of cells than the head, with a possible cause.
 
@@ -112,6 +121,10 @@ def miscounted(place: str, cells: Sequence[str], expected: int, separator: str, 
     """
     if not cells:
         return BadInput(f"{place}: its quotes are broken; write it as CSV.")
+    other = own_separator(cells[0]) if len(cells) == 1 else separator
+    numbers = cells[0].split(None if other == " " else other)
+    if other != separator and len(numbers) == expected and is_line_of_numbers(numbers):
+        return BadInput(f"{place}: {two_separators(separator, other)}")
     message = f"{place}: has {len(cells)} cells under {expected} {'names' if named else 'cells of the first line'}"
     if separator == "," and len(cells) > expected and all(is_whole(cell) or is_lost(cell) for cell in cells):
         return BadInput(f"{message}: the numbers seem to have decimal commas; write decimal points, or separate the columns by semicolons.")

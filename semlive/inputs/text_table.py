@@ -48,10 +48,11 @@ from semlive.inputs.text_head import (
     names_above,
     number_rows,
     possible_starts,
+    separator_above,
     with_units,
     without_trailing,
 )
-from semlive.inputs.text_layout import SEPARATOR_NAMES, AmbiguousTable, Convention, Layout
+from semlive.inputs.text_layout import SEPARATOR_NAMES, AmbiguousTable, Convention, Layout, two_separators
 from semlive.inputs.text_number import Sign, is_whole, number_in, sign_of
 
 __all__ = [
@@ -141,6 +142,14 @@ def _needs_names(select: ColumnSelector) -> bool:
     return False
 
 
+def _selects_number(select: ColumnSelector, cells: Sequence[str]) -> bool:
+    """Whether a column that is required by its place has a number in a line."""
+    try:
+        return any(is_whole(cells[place]) or sign_of(cells[place]) is not Sign.NONE for place in select(columns_of(cells, "")))
+    except BadInput:
+        return False
+
+
 def _with_declared_separator(lines: Sequence[str], given: Convention) -> Convention:
     """Return the convention with the separator of a ``sep=;`` line."""
     declared = next((separator_declared(line) for line in lines if line.strip()), "")
@@ -173,7 +182,7 @@ def _readings(
     elif start and any(is_whole(cell) or sign_of(cell) is not Sign.NONE for cell in head):
         # Below a first line that did not fit, a line that contains a number is not a line of names.
         raise Misfit(0, BadInput(f"{at}: is no line of names; write one above the numbers."))
-    elif is_no_line_of_names(head, lines[start], separator):
+    elif is_no_line_of_names(head, lines[start], separator) or (not _needs_names(select) and _selects_number(select, head)):
         raise Misfit(0, BadInput(f"{at}: is no line of names, because it contains numbers or lost values; write one above the numbers."))
     named_from = data_from
     columns, data_from = with_units(columns_of(names or [""] * len(head), separator), lines, data_from, separator)
@@ -185,6 +194,8 @@ def _readings(
     try:
         places = select(columns)
     except BadInput as error:
+        if not head_line and (other := separator_above(lines, start, len(head))) not in ("", separator):
+            raise Misfit(DEFINITE - 1, BadInput(f"{at}: {two_separators(other, separator)}")) from error
         raise Misfit(len(columns), BadInput(f"{where}: {str(error).replace('{head}', f'line {head_line or start + 1}')}")) from error
     layout = Layout(where, separator, given.decimal, columns, places, head_line, data_from + 1)
     check_counts(layout, rows)

@@ -11,7 +11,7 @@ from semlive.errors import LinkError, LinkRefused
 from semlive_drivers.device_part import OrderBook
 from semlive_drivers.maps import is_of_a_machine
 from semlive_drivers.modbus.checking.answers import describe_answer
-from semlive_drivers.modbus.checking.choices import Measured
+from semlive_drivers.modbus.checking.choices import FORCE_UNITS, LENGTH_UNITS, Measured
 from semlive_drivers.modbus.checking.diagnosis import Diagnosis, diagnose
 from semlive_drivers.modbus.checking.explanations import Described
 from semlive_drivers.modbus.checking.reader import Reader, Register
@@ -31,7 +31,7 @@ from semlive_drivers.units import factor
 
 _COUNTER_WAIT_S = 0.3
 """Time between two readings of the counter of readings."""
-_SAMPLES, _SAMPLE_WAIT_S = 3, 0.1
+_SAMPLES, _SAMPLE_WAIT_S = 6, 0.05
 """Readings of the registers near the measured numbers, and the time between them."""
 
 Registers = dict[str, tuple[int, ...]]
@@ -193,7 +193,8 @@ def _measured(device: DeviceMap, points: Mapping[str, RegisterPoint], panel: Map
     for name in names:
         key, unit = units.get(name, ("", "1"))
         reading = panel[key].in_unit(factor(unit, name)) if key in panel else None
-        found.append(Measured(name, device.plausible.get(name), reading))
+        other_units = {"force_reads": FORCE_UNITS, "extension_reads": LENGTH_UNITS}.get(key, ())
+        found.append(Measured(name, device.plausible.get(name), reading, other_units))
     return tuple(found)
 
 

@@ -96,12 +96,13 @@ def _through_palette(
     """
     colours = np.array(palette[: len(palette) // 3 * 3], dtype=np.int64).reshape(3, -1)
     size = colours.shape[1]
-    if size <= int(indices.max()):
+    if size <= np.iinfo(indices.dtype).max and size <= int(indices.max()):
         raise BadImage(f"{name}: its palette is shorter than its grey values; export grey.")
     grey = (colours == colours[0]).all(axis=0)
     steps = np.diff(colours[0][grey])
     ramp = max((steps >= 0).mean(), (steps <= 0).mean()) if grey.sum() > 1 else 0.0
-    if grey[indices].mean() <= _GREY_FRACTION or ramp < _RAMP_FRACTION:
+    used = 1.0 if grey.all() else np.count_nonzero(grey[indices]) / indices.size
+    if used <= _GREY_FRACTION or ramp < _RAMP_FRACTION:
         raise BadImage(f"{name}: is in false colours; export grey.")
     full = _WHITE_16 if colours.max() > _WHITE_8 else _WHITE_8  # some programs write 8 bit colour maps
     levels = np.rint(colours[0] * ((size - 1) / full))

@@ -24,6 +24,7 @@ from map_registers import (
     LaumasRegisters,
     LeadshineRegisters,
     OrientalRegisters,
+    SenecaRegisters,
     WagoRegisters,
 )
 from map_text import ForceGauge, MantracourtAmplifier, Mark10Stand, MercuryController
@@ -152,13 +153,25 @@ def _flintec_pi(device: MapDevice) -> None:
 def _mark10_gauge_pi(device: MapDevice) -> None:
     """Drive on one line of text, gauge on another."""
     device.text(1, MercuryController(device.machine, device.note))
-    device.text(2, ForceGauge(device.machine, device.note, is_imada=False))
+    device.text(2, ForceGauge(device.machine, device.note, "mark10"))
 
 
 def _imada_oriental(device: MapDevice) -> None:
     """Gauge on a line of text, drive on a line of Modbus RTU."""
-    device.text(1, ForceGauge(device.machine, device.note, is_imada=True))
+    device.text(1, ForceGauge(device.machine, device.note, "imada"))
     device.rtu(2, OrientalRegisters(device.machine, device.note))
+
+
+def _mettler_oriental(device: MapDevice) -> None:
+    """Weighing terminal on a line of text, drive on a line of Modbus RTU."""
+    device.text(1, ForceGauge(device.machine, device.note, "mettler"))
+    device.rtu(2, OrientalRegisters(device.machine, device.note))
+
+
+def _seneca_pi(device: MapDevice) -> None:
+    """Drive on a line of text, cell behind Modbus TCP."""
+    device.text(1, MercuryController(device.machine, device.note))
+    device.registers, device.link = SenecaRegisters(device.machine, device.note), 2
 
 
 def _csv_oriental(device: MapDevice) -> None:
@@ -183,6 +196,8 @@ KINDS: dict[str, Callable[[MapDevice], None]] = {
     "flintec_pi": _flintec_pi,
     "mark10_gauge_pi": _mark10_gauge_pi,
     "imada_oriental": _imada_oriental,
+    "mettler_oriental": _mettler_oriental,
+    "seneca_pi": _seneca_pi,
     "csv_oriental": _csv_oriental,
     "hand": _hand,
 }

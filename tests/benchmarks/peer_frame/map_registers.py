@@ -142,6 +142,18 @@ class FlintecRegisters(UnitRegisters):
         return dict(enumerate([*f32(shown_n), *f32(shown_n), qualifier], 0x3500))
 
 
+class SenecaRegisters(UnitRegisters):
+    """A Seneca ZE-SG3 in N: unit in register 2, net and gross load as floats, high word first, from register 63; it shows no errors."""
+
+    RANGE_N = 1000.0
+
+    def readable(self) -> Mapping[int, int]:
+        """Unit, polarity, loads and status; a broken cell is shown as the end of the range."""
+        force_n = self.machine.shown().force_n
+        shown_n = self.RANGE_N if math.isnan(force_n) else min(max(force_n, -self.RANGE_N), self.RANGE_N)
+        return {2: 5, 3: 0, 77: 0} | dict(enumerate([*f32(shown_n), *f32(shown_n), *f32(0.0)], 63))
+
+
 class DriveRegisters(UnitRegisters):
     """What drives have in common: one count of travel and of speed.
 

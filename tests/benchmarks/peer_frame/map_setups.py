@@ -158,6 +158,32 @@ SETUPS: tuple[Setup, ...] = (
         parts={"cell": 1, "drive": 2},
     ),
     Setup(
+        "mettler-oriental",
+        "mettler_oriental",
+        ("mettler_sics", "oriental_az"),
+        "assembled",
+        {
+            "cell": {"protocol": "ascii", "map": "mettler_sics", "serial": _LINE1},
+            "drive": {**_ORIENTAL, "serial": {**_LINE2, "parity": "none"}},
+            "approach": {"stiffness_n_mm": 2000, "speed_max_mm_s": 0.1},
+        },
+        _compliant(2000.0, 0.05),
+        parts={"cell": 1, "drive": 2},
+    ),
+    Setup(
+        "seneca-pi",
+        "seneca_pi",
+        ("seneca_sg3", "pi_c863"),
+        "assembled",
+        {
+            "cell": {"map": "seneca_sg3", "host": "127.0.0.1", "port": "{port}", "registers": {"gross": {"range": [-1000, 1000]}}},
+            "drive": {"protocol": "ascii", "map": "pi_c863", "serial": _LINE1, "confirmed": True},
+            "approach": {"stiffness_n_mm": 1000, "speed_max_mm_s": 0.1},
+        },
+        _compliant(1000.0, 0.1),
+        parts={"drive": 1, "cell": 2},
+    ),
+    Setup(
         "csv-oriental",
         "csv_oriental",
         ("oriental_az",),

@@ -154,19 +154,23 @@ class MantracourtAmplifier:
                 return b"?"
 
 
+_REQUESTS = {"imada": (b"D", b"E\r"), "mark10": (b"?C", b"*10\r\n"), "mettler": (b"SI", b"ES\r\n")}
+"""Request of a force gauge by its make, and the reply to any other."""
+
+
 class ForceGauge:
-    """A force gauge that answers one request with its present reading, until a carriage return.
+    """A device that answers one request with its present reading, until a carriage return.
 
     Args:
         machine: whose load it measures.
         note: writes a line of the log.
-        is_imada: the reply of an Imada DST to ``D``; else that of a Mark-10 gauge to ``?C``, whose polarity is inverted.
+        make: ``imada`` (DST: reply to ``D``), ``mark10`` (reply to ``?C``) or ``mettler`` (MT-SICS: net weight in kg, reply to ``SI``).
     """
 
     RANGE_N = 1000.0
 
-    def __init__(self, machine: Machine, note: Note, *, is_imada: bool) -> None:
-        self._machine, self._note, self._is_imada = machine, note, is_imada
+    def __init__(self, machine: Machine, note: Note, make: str) -> None:
+        self._machine, self._note, self._make = machine, note, make
         self._received = b""
 
     def forget(self) -> None:
@@ -179,18 +183,25 @@ class ForceGauge:
         replies = b""
         while b"\r" in self._received:
             request, _, self._received = self._received.partition(b"\r")
-            replies += self._answer(request)
+            replies += self._answer(request.strip(b"\n"))
         return replies
 
     def _answer(self, request: bytes) -> bytes:
         force_n = self._machine.shown().force_n
         beyond = math.isnan(force_n) or abs(force_n) > self.RANGE_N
-        if request != (b"D" if self._is_imada else b"?C"):
+        expected, other = _REQUESTS[self._make]
+        if request != expected:
             self._note(f"NOT UNDERSTOOD {request!r}")
-            return b"E\r" if self._is_imada else b"*10\r\n"
-        if self._is_imada:
-            return b"+999.99NTE\r" if beyond else f"{force_n:+07.2f}NTO\r".encode()
-        return b"*11\r\n" if beyond else f"{force_n:.2f} N\r\n".encode()
+            return other
+        match self._make:
+            case "imada":
+                return b"+999.99NTE\r" if beyond else f"{force_n:+07.2f}NTO\r".encode()
+            case "mark10":
+                return b"*11\r\n" if beyond else f"{force_n:.2f} N\r\n".encode()
+            case _:
+                if beyond:
+                    return b"S I\r\n" if math.isnan(force_n) else b"S +\r\n" if force_n > 0 else b"S -\r\n"
+                return f"S D {force_n / 9.80665:10.4f} kg\r\n".encode()
 
 
 class MercuryController:

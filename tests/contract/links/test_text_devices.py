@@ -60,6 +60,7 @@ def test_an_amplifier_reports_its_load_in_the_unit_of_the_configuration() -> Non
     [
         ("mark10_gauge", ("-18.78 lbF\r\n", "4.285 N\r\n", "*10\r\n", "*11\r\n", "12.5 ozF\r\n")),
         ("imada_gauge", ("-083.54NTO\r", "+004.285NTH\r", "+012.3NPO\r", "+050.0NTE\r", "+012.3KTO\r")),
+        ("mettler_sics", ("S S    -8.5187 kg\r\n", "S D  436.9484 g\r\n", "S I\r\n", "S +\r\n", "S -\r\n", "ES\r\n", "S S 1.0 oz\r\n")),
     ],
 )
 def test_a_gauge_reports_its_load_and_nothing_else_as_one(name: str, replies: tuple[str, ...]) -> None:
@@ -80,7 +81,7 @@ def test_a_gauge_reports_its_load_and_nothing_else_as_one(name: str, replies: tu
             with pytest.raises(LinkError):
                 frame.read()
         frame.close()
-    assert set(requests) == {"?C" if name == "mark10_gauge" else "D"}
+    assert {request.strip() for request in requests} == {{"mark10_gauge": "?C", "imada_gauge": "D", "mettler_sics": "SI"}[name]}
 
 
 CHECKED = """

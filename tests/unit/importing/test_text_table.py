@@ -178,6 +178,15 @@ def test_a_blank_that_groups_digits_is_no_separator() -> None:
         ("4,4 061\n-3,2 116\n", 2, "may mean '4' and '4 061', or '4,4 061'"),
         # The second value of a line with decimal commas may be lost.
         ("u / px,Weg / mm\n24,63,\n", "u", "may mean '24' and '63', or '24,63'"),
+        # A number with thousands and a lost last value are as many cells as five names, of which the last is empty.
+        ("Ext, u, Kraft, Strain\n297,129.194, 2.882, #N/A, \n", "Ext", "297 and 129.194 may be one number"),
+        # Names and numbers with different separators.
+        ("# x y u v\n1.5,2,0.1,0.2\n", "u", "line 2: has commas between the numbers, but blanks between the names"),
+        ("x,y,u,v\n1.5;2;0.1;0.2\n", "u", "line 2: has semicolons between the numbers, but commas between the names"),
+        # A description above a table that is not written yet, also if a text repeats.
+        ("Time;0.5\n", 2, "may be the description of a test"),
+        ("Time;0.5\nTime;1.5\nForce;3.5\n", 2, "may be the description of a test"),
+        ("Speed;0.5;mm/min\nSpeed;0.7;mm/min\n", 2, "is no line of names"),
         # A sign apart from its number is no lost value.
         ("0 - 1.5\n1 - 2.5\n", 3, "may mean '-' and '1.5', or '- 1.5'"),
         ("Time,Force\n1,-2,788e+01\n", "Force", "has 3 cells"),
@@ -232,5 +241,5 @@ def test_a_description_without_a_table_below_it_contains_no_numbers() -> None:
     description = "Specimen;7\nRate;2\n"
     with pytest.raises(AmbiguousTable, match="line 1: may be the description of a test"):
         read(description, 2, searched=200)
-    assert read("OK;7\nOK;2\n", 2)[1] == [[7.0], [2.0]]
+    assert read("OK;7\nOK;2\nOK;3\n", 2)[1] == [[7.0], [2.0], [3.0]]
     assert read("Remark;Force\nOK;7\n", "Force")[1] == [[7.0]]

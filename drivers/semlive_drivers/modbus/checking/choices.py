@@ -6,14 +6,14 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from semlive_drivers.modbus.checking.evidence import Samples, bits_of, jump_bits, noise_of, value_of
+from semlive_drivers.modbus.checking.evidence import Samples, bits_of, jump_bits, mean_and_noise, value_of
 from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint, WordOrder
 from semlive_drivers.panel_reading import PanelReading
 
 _SWAPPED = {Kind.INPUT: Kind.HOLDING, Kind.HOLDING: Kind.INPUT}
 _NEAR = (0, 1, -1, 2, -2)
-_UNITS = {9.80665: "kgf", 0.00980665: "gf", 4.4482216152605: "lbf", 25.4: "in"}
-"""Units other than powers of ten of N and mm, in N or mm."""
+FORCE_UNITS, LENGTH_UNITS = (9.80665, 4.4482216152605), (25.4,)
+"""Units other than powers of ten of N (kgf, lbf) and mm (in), in N or mm."""
 _LARGEST_BITS_OF_SCALE = 16.0
 _OPEN_SCALE_BITS = 4.0
 _DEFAULT_LARGEST = 1e4
@@ -27,11 +27,13 @@ class Measured:
         name: name of its point.
         plausible: range of a value at rest in the unit of the point; None if the description states none.
         panel: reading of the device's panel in the unit of the point; None without one.
+        units: other units in which the device may send the number, in N or mm.
     """
 
     name: str
     plausible: tuple[float, float] | None = None
     panel: PanelReading | None = None
+    units: tuple[float, ...] = (*FORCE_UNITS, *LENGTH_UNITS)
 
     @property
     def largest(self) -> float:
@@ -95,7 +97,7 @@ def choice_of(
         return None
     bits += jump_bits(point, samples, points, measured.largest)
     if measured.panel is not None:
-        return _scaled(measured.panel, described, point, value, bits, noise_of(point, samples, points), format_differs)
+        return _scaled(measured, measured.panel, described, point, mean_and_noise(point, samples, points), bits)
     scale_open = format_differs and not point.dtype.is_float
     if measured.plausible is not None and not scale_open and not measured.plausible[0] <= value <= measured.plausible[1]:
         return None
@@ -103,26 +105,24 @@ def choice_of(
 
 
 def _scaled(
-    panel: PanelReading, described: RegisterPoint, point: RegisterPoint, value: float, bits: float, noise: float, format_differs: bool
+    measured: Measured, panel: PanelReading, described: RegisterPoint, point: RegisterPoint, read: tuple[float, float], bits: float
 ) -> Choice | None:
-    """The choice with the simplest scale under which the value is the known reading."""
-    raw = value - point.offset
-    for cost, scale in sorted(_scales(described, point, raw, panel.value - point.offset, format_differs)):
+    """The choice with the simplest scale under which the mean of the samples is the known reading; `read` is mean and noise."""
+    mean, noise = read
+    raw = mean - point.offset
+    for cost, scale in sorted(_scales(measured, described, point, raw, panel.value - point.offset)):
         scaled = raw * scale / point.scale + point.offset
-        tolerance = panel.tolerance + 2 * noise * abs(scale / point.scale)
-        if not point.dtype.is_float:
-            tolerance += 0.5 * abs(scale)
-        if abs(scaled - panel.value) <= tolerance and cost <= _LARGEST_BITS_OF_SCALE:
+        spread = 2 * noise * abs(scale / point.scale) + (0.0 if point.dtype.is_float else 0.5 * abs(scale))
+        if cost <= _LARGEST_BITS_OF_SCALE and panel.agrees(scaled, spread):
             # The registers are those of the panel's reading, within its tolerance: only what remains open must be described.
-            spread = abs(panel.value) / tolerance if panel.value else 1.0
-            return Choice(replace(point, scale=scale), scaled, max(2.0, bits - math.log2(1.0 + spread)) + cost)
+            resolved = abs(panel.value) / (panel.tolerance + spread) if panel.value else 1.0
+            return Choice(replace(point, scale=scale), scaled, max(2.0, bits - math.log2(1.0 + resolved)) + cost)
     return None
 
 
-def _scales(
-    described: RegisterPoint, point: RegisterPoint, raw: float, panel: float, format_differs: bool
-) -> Iterator[tuple[float, float]]:
+def _scales(measured: Measured, described: RegisterPoint, point: RegisterPoint, raw: float, panel: float) -> Iterator[tuple[float, float]]:
     """Scales that may turn a raw value (at the scale of the point) into the known one, each with its bits."""
+    format_differs = point.dtype.is_float != described.dtype.is_float
     yield 1.5 if format_differs else 0.0, point.scale
     if not raw or not panel:
         return
@@ -134,7 +134,7 @@ def _scales(
             yield (2.0 if format_differs else 3.0) + sign + 0.4 * abs(exponent), math.copysign(base * 10.0**exponent, needed)
     if sign:
         yield sign, -point.scale
-    for unit in _UNITS:
+    for unit in measured.units:
         exponent = round(math.log10(abs(needed) / unit))
         yield 7.0 + sign + 0.4 * abs(exponent), math.copysign(unit * 10.0**exponent, needed)
     power = round(math.log2(abs(needed)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from statistics import fmean
 
 from semlive.errors import LinkError
 from semlive_drivers.modbus.checking.reader import Register
@@ -104,11 +105,11 @@ def jump_bits(point: RegisterPoint, samples: Samples, points: Mapping[str, Regis
     return _JUMP_BITS if change > max(_JUMP * max(map(abs, numbers)), _JUMP_FLOOR * largest) else 0.0
 
 
-def noise_of(point: RegisterPoint, samples: Samples, points: Mapping[str, RegisterPoint]) -> float:
-    """Largest difference between two samples of a point, in the unit of its value."""
-    count = min((len(samples[place]) for place in registers_of(point, samples)), default=0)
+def mean_and_noise(point: RegisterPoint, samples: Samples, points: Mapping[str, RegisterPoint]) -> tuple[float, float]:
+    """Mean of the samples of a point, of which the first is a number, and their largest difference, in the unit of its value."""
+    count = min(len(samples[place]) for place in registers_of(point, samples))
     numbers = [value for index in range(count) if (value := value_of(point, samples, points, index)) is not None]
-    return max(numbers) - min(numbers) if numbers else 0.0
+    return fmean(numbers), max(numbers) - min(numbers)
 
 
 def unused_bits(place: Register, samples: Samples) -> float:

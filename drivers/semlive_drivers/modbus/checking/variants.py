@@ -64,12 +64,11 @@ class Variant:
 
 
 def notation_shift(point: RegisterPoint, notation: int) -> int:
-    """What the notation adds to the address of a point."""
+    """What the notation adds to the address of a point; a written number states the table in its first digit."""
     if not notation or point.kind.bits:
         return 0
-    base = (HOLDING_BASE if point.kind is Kind.HOLDING else INPUT_BASE) + 1 - abs(notation)
-    if notation > 0 and point.kind is Kind.INPUT and point.address >= HOLDING_BASE - 1:
-        base = HOLDING_BASE + 1 - abs(notation)
+    holding = point.address >= HOLDING_BASE - 1 if notation > 0 else point.kind is Kind.HOLDING
+    base = (HOLDING_BASE if holding else INPUT_BASE) + 1 - abs(notation)
     return -base if notation > 0 else base
 
 
