@@ -16,16 +16,17 @@ from numpy.typing import NDArray
 from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
 from semlive.data.diagnosis.two_runs import SharedEffect, TwoRunVerdict
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, HyperparameterPoint, build_grid, evaluate_point, point_like
-from semlive.diagnose.baseline.bayes_factor import ProjectedField, score_candidates, sizes_of
+from semlive.diagnose.baseline.bayes_factor import ProjectedField, sizes_of
 from semlive.diagnose.baseline.design_matrix import BaselineEffect
 from semlive.diagnose.baseline.observation import sample_within_blocks
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.maps.parameter_search import optimise_parameters, parameter_uncertainty
 from semlive.diagnose.maps.refinement import reported_parameters
 from semlive.diagnose.two_runs.scan_rotation import analyse_scan_rotation, same_scan_times, scan_times_s
+from semlive.diagnose.two_runs.separate_effects import negligible_px, separate_evidence
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.arrowhead import ComponentBlocks, factorise
-from semlive.model.effects import EFFECT_CLASSES, TWO_RUN_EFFECT_CLASSES, BasisField, EffectClass, RunGeometry
+from semlive.model.effects import TWO_RUN_EFFECT_CLASSES, BasisField, EffectClass, RunGeometry
 from semlive.model.effects.effect_class import Values
 
 Array = NDArray[np.float64]
@@ -192,22 +193,24 @@ def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
         for family in TWO_RUN_EFFECT_CLASSES
         if (tested := _joint_evidence(joint, family)) is not None
     ]
-    evidence = _separate_evidence(runs) | {candidate.family.name: candidate.log_factor for candidate in screening}
+    separate = separate_evidence(runs)
+    evidence = {name: item.log_factor for name, item in separate.items()} | {item.family.name: item.log_factor for item in screening}
     ranked = tuple(sorted(evidence.items(), key=lambda item: -item[1]))
-    largest = ranked[0][1]
-    if largest < SIGNIFICANT_LOG_FACTOR:
+    effect, largest, rivals = None, 0.0, ranked
+    while effect is None and rivals and rivals[0][1] >= SIGNIFICANT_LOG_FACTOR:
+        (name, largest), *rest = rivals
+        found = next((_shared_effect(item) for item in screening if item.family.name == name), None) or separate[name].effect()
+        effect, rivals = found if found.peak_px > negligible_px(name, runs) else None, tuple(rest)
+    if effect is None:
         return TwoRunVerdict(
             Outcome.UNKNOWN if separate_log_odds > SIGNIFICANT_LOG_FACTOR else Outcome.NONE, None, (), ranked, separate_log_odds
         )
-    effects = [_shared_effect(candidate) for candidate in screening if candidate.family.name == ranked[0][0]] or [
-        SharedEffect(ranked[0][0], (ranked[0][0],), 0.0, ())
-    ]
-    names = (*effects[0].aliases, *(name for name, factor in ranked[1:] if factor > largest - MIN_LOG_ODDS))
+    names = (*effect.aliases, *(name for name, factor in rivals if factor > largest - MIN_LOG_ODDS))
     if separate_log_odds > largest + SIGNIFICANT_LOG_FACTOR:
-        return TwoRunVerdict(Outcome.UNKNOWN, effects[0], (), ranked, separate_log_odds)
+        return TwoRunVerdict(Outcome.UNKNOWN, effect, (), ranked, separate_log_odds)
     if len(names) > 1:
-        return TwoRunVerdict(Outcome.AMBIGUOUS, effects[0], names, ranked, separate_log_odds)
-    return TwoRunVerdict(Outcome.IDENTIFIED, effects[0], (), ranked, separate_log_odds, (effects[0],))
+        return TwoRunVerdict(Outcome.AMBIGUOUS, effect, names, ranked, separate_log_odds)
+    return TwoRunVerdict(Outcome.IDENTIFIED, effect, (), ranked, separate_log_odds, (effect,))
 
 
 def _require_comparable(runs: Sequence[HyperparameterGrid]) -> None:
@@ -258,16 +261,6 @@ def _with_refitted_smoothness(screening: _JointEvidence, runs: Sequence[Hyperpar
     assert repeated is not None
     evidence_loss = min(joined.point.evidence - screening.joined.point.evidence, 0.0)
     return max((screening, replace(repeated, log_factor=repeated.log_factor + evidence_loss)), key=lambda candidate: candidate.log_factor)
-
-
-def _separate_evidence(runs: Sequence[HyperparameterGrid]) -> dict[str, float]:
-    """Evidence for all other effect classes, summed over separate runs."""
-    shared = {family.name for family in TWO_RUN_EFFECT_CLASSES}
-    families, total = [family for family in EFFECT_CLASSES if family.name not in shared], dict[str, float]()
-    for run in runs:
-        for score_candidate in score_candidates(run, families):
-            total[score_candidate.family.name] = total.get(score_candidate.family.name, 0.0) + score_candidate.log_factor
-    return total
 
 
 def _shared_effect(screening: _JointEvidence) -> SharedEffect:
