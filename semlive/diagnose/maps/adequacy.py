@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from semlive.data.diagnosis.effects import DomainTest
+from semlive.data.diagnosis.verdict import AdequacyTest
 from semlive.data.notes import Note, NoteCode, warning
 from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, with_free_distortion
@@ -69,6 +70,12 @@ class Adequacy:
         least = min(self.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))  # p-values end at 0
         return least if least.p_value <= self.significance_level else None
 
+    @property
+    def test(self) -> AdequacyTest:
+        """The domain with the smallest p-value, with the significance level."""
+        least = min(self.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))  # p-values end at 0
+        return AdequacyTest(least.domain, least.p_value, least.rms_px, self.significance_level)
+
     def notes(self) -> tuple[Note, ...]:
         """Warning for the operator; empty if no domain is significant."""
         test = self.most_significant
@@ -103,23 +110,20 @@ def adequacy_after(solution: Solution, decisions: Sequence[PairDecision]) -> Ade
     if len(decisions) < MIN_PAIRS or dense_limit(solution.state) < len(decisions):
         return None
     try:
-        observation = make_observation(solution, step_conditions(decisions))
-        residual, rough = observation.residual_px(), rough_modes(observation)
-        length_px, gaussian = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
-        sigma_px = float(residual.std()) or 1e-6
-        return adequacy_of(observation, make_whitener(observation.grid, observation.valid_blocks, length_px, sigma_px, gaussian))
+        return adequacy_of(make_observation(solution, step_conditions(decisions)))
     except (IllPosed, np.linalg.LinAlgError):  # the run continues; `semlive diagnose` reports the reason
         return None
 
 
-def adequacy_of(observation: Observation, whiten: Whitener, effects: Sequence[AllowedField] = ()) -> Adequacy:
+def adequacy_of(observation: Observation, whiten: Whitener | None = None, effects: Sequence[AllowedField] = ()) -> Adequacy:
     """Test the residual of an observation. Where equal noise fails, noise that differs between frames and places is tested too.
 
     Args:
         observation: observation of a run.
-        whiten: correlation of the noise; its size is estimated again.
+        whiten: correlation of the noise; None for the most likely one. Its size is estimated again.
         effects: fields (f, b, 2, q) of further effects, px, with the prior standard deviation of their amplitudes, px.
     """
+    whiten = whiten or _most_likely_whitener(observation)
     raster, waves = (_used_raster_changes(observation), RASTER_PX), (fraction_waves(observation.geometry), OWN_BIAS_PX)
     allowed = [field for field in (*effects, raster, waves) if field[0].shape[-1]]
     baseline = _noise_scaled(observation, whiten, allowed)
@@ -128,6 +132,12 @@ def adequacy_of(observation: Observation, whiten: Whitener, effects: Sequence[Al
     if noise is None:
         return result
     return Adequacy(result.pairs, _domain_tests(_noise_scaled(observation, noise.whiten, allowed)))
+
+
+def _most_likely_whitener(observation: Observation) -> Whitener:
+    residual = observation.residual_px()
+    window = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough_modes(observation))
+    return make_whitener(observation.grid, observation.valid_blocks, window[0], float(residual.std()) or 1e-6, window[1])
 
 
 def _noise_scaled(observation: Observation, whiten: Whitener, allowed: Sequence[AllowedField]) -> HyperparameterGrid:

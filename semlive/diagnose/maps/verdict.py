@@ -180,11 +180,9 @@ def _adequacy(result: SearchResult, model_effects: Sequence[ModelEffect]) -> Ade
     columns = result.search.baseline.design
     sizes_px = [*(effect.size_px for effect in model_effects), *(effect.refined.baseline_effect.size_px for effect in result.effects)]
     try:
-        test = adequacy_of(columns.observation, columns.whiten, tuple(zip(result.fields, sizes_px, strict=True)))
+        return adequacy_of(columns.observation, columns.whiten, tuple(zip(result.fields, sizes_px, strict=True))).test
     except np.linalg.LinAlgError:
         return None
-    least = min(test.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))
-    return AdequacyTest(least.domain, least.p_value, least.rms_px, test.significance_level)
 
 
 def _closest(result: SearchResult, seed: int) -> tuple[tuple[str, float], ...]:
