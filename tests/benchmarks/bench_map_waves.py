@@ -24,7 +24,7 @@ from blind.campaign import PAGE
 from semlive.data.diagnosis.channels import RowDiagnosis
 from semlive.data.diagnosis.effects import Outcome
 from semlive.diagnose.rows.map_series import MapSeries, make_map_series
-from semlive.diagnose.rows.map_waves import diagnose_map_waves
+from semlive.diagnose.rows.map_waves import MIN_LOG_FACTOR, diagnose_map_waves
 
 WIDTH_PX, HEIGHT_PX, SUBSET_PX, PAIRS, NOISE_PX = 1024, 884, 43, 6, 0.02
 ROW_TIME_S, DWELL_TIME_S = 94.67 / HEIGHT_PX, 1e-4
@@ -79,7 +79,11 @@ def table(runs: int, nulls: int) -> str:
     largest = max(factor for result in results for _, factor in result.evidence)
     bound = float(beta.ppf(0.95, named + 1, nulls - named)) if named < nulls else 1.0
     return "\n".join(
-        [*lines, "", f"Without a wave {named} of {nulls} had one (at most {100 * bound:.1f} %, 95 %); largest ln B {largest:.1f}, limit 7."]
+        [
+            *lines,
+            "",
+            f"Without a wave {named} of {nulls} had one (at most {100 * bound:.1f} %, 95 %); largest ln B {largest:.1f}, limit {MIN_LOG_FACTOR:.0f}.",
+        ]
     )
 
 

@@ -16,7 +16,7 @@ from semlive.estimate.joint.observations.state import MapObservations
 Array = NDArray[np.float64]
 MIN_POINTS = 200  # of a map
 CLIP = 4.5
-ESTIMATE_ORDER, EXTRAPOLATED = 5, 1.15  # polynomial of the estimate within a pair; half a block lies beyond the centres of the outer ones
+ESTIMATE_ORDER, EXTRAPOLATED = 5, 1.15  # polynomial of the estimate; half a block lies beyond the centres of the outer ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,24 +65,21 @@ class MapSeries:
 
 
 def map_series(observation: Observation) -> tuple[MapSeries, ...]:
-    """The maps within pairs minus the estimate, or the difference of the maps from frame 0 where a pair has none.
+    """For each pair the difference of the maps from frame 0 to its frames, minus the estimate; the noise of frame 0 cancels.
 
     Pairs with too few points or rows of another duration are left out.
     """
-    grid, state, found = observation.grid, observation.state, list[MapSeries]()
-    by_frames = {(rows.reference, rows.current): rows for rows in state.rows}
+    grid, found = observation.grid, list[MapSeries]()
+    to_frame = {rows.current: rows for rows in observation.rows}
     for step in observation.steps:
-        first, second = 2 * step.pair, 2 * step.pair + 1
-        within, to_first, to_second = (by_frames.get(key) for key in ((first, second), (0, first), (0, second)))
-        maps = [within] if within is not None else [to_second, to_first]
-        present = [rows for rows in maps if rows is not None]
-        valid = np.all([rows.dmap.valid for rows in present], axis=0) if len(present) == len(maps) else np.zeros(grid.shape, dtype=np.bool_)
+        frames = [frame for frame in (2 * step.pair + 1, 2 * step.pair) if frame]
+        maps = [to_frame[frame] for frame in frames]
+        valid = np.all([rows.dmap.valid for rows in maps], axis=0)
         if int(valid.sum()) < MIN_POINTS:
             continue
-        values = [np.where(valid, one, 0.0) for one in _residual_px(observation, present[0])]
-        if within is None:
-            values = [value - one for value, one in zip(values, _residual_px(observation, present[1]), strict=True)]
-        timing = state.frame_time(second).timing
+        residuals = [_residual_px(observation, rows) for rows in maps]
+        values = [np.where(valid, residuals[0][axis] - (residuals[1][axis] if len(maps) > 1 else 0.0), 0.0) for axis in (0, 1)]
+        timing = observation.state.frame_time(frames[0]).timing
         times_s = timing.row_time_s.value, timing.dwell_time_s.value
         if not found or times_s == (found[0].row_time_s, found[0].dwell_time_s):
             found.append(make_map_series(values, valid, (grid.y_px, grid.x_px), float(grid.subset_px), times_s))
@@ -119,14 +116,14 @@ def make_map_series(
 
 
 def _estimated_px(observation: Observation, rows: MapObservations) -> tuple[Array, Array]:
-    """(n, m) displacement along x and along y by the estimate, px, as a polynomial through the blocks with data."""
-    used = rows.weight.all(axis=1)
+    """(n, m) displacement along x and along y by the estimate, px, as a polynomial through the blocks of all maps."""
+    used = observation.valid_blocks
     estimate_px = predicted(observation.state, rows, observation.solution.mean)[used]
     position = rows.position_px[used] + observation.state.centre_px
     low, size = position.min(axis=0), np.ptp(position, axis=0)
     x, y = 2.0 * (position - low).T / size[:, None] - 1.0
     mesh_x, mesh_y = (2.0 * (one - start) / length - 1.0 for one, start, length in zip(observation.grid.mesh(), low, size, strict=True))
-    order = ESTIMATE_ORDER, ESTIMATE_ORDER
+    order = (min(ESTIMATE_ORDER, int(np.sqrt(0.5 * len(used)))),) * 2
     fitted = np.linalg.lstsq(np.polynomial.legendre.legvander2d(x, y, order), estimate_px, rcond=1e-6)[0]
     inside = (np.clip(mesh_x, -EXTRAPOLATED, EXTRAPOLATED), np.clip(mesh_y, -EXTRAPOLATED, EXTRAPOLATED))
     values = np.polynomial.legendre.legvander2d(*inside, order) @ fitted

@@ -18,7 +18,7 @@ from scipy.signal.windows import tukey
 
 from semlive.data.diagnosis.channels import RowDiagnosis
 from semlive.data.diagnosis.effects import DomainTest, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
-from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR
+from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANCE_LEVEL
 from semlive.diagnose.rows.map_series import MapSeries
 from semlive.diagnose.rows.spectrum import (
     EXPONENTIAL_MEDIAN,
@@ -32,6 +32,8 @@ from semlive.diagnose.rows.spectrum import (
 from semlive.model.effects.rows import PERIODIC_EFFECTS, RowEffectClass
 
 Array = NDArray[np.float64]
+MIN_LOG_FACTOR = 15.0  # noise of engines with other windows reached 9.5; a wave of 0.05 px in five pairs has more than 1000
+BANDS = 3
 MIN_CYCLES_OVER_COLUMNS = 1.0  # a slower wave resembles drift, which is constant along a row
 MIN_FREQUENCIES = 30  # near a multiple, for the level of the noise
 MIN_WINDOW = 0.05  # smallest power of the subset's window that scales the noise
@@ -86,7 +88,7 @@ def diagnose_map_waves(series: Sequence[MapSeries]) -> RowDiagnosis | None:
     at = int(own[np.argmax(spectrum.total[own])])
     p_value = spectrum.p_value(at)
     wave = None
-    if odds[family.name] >= SIGNIFICANT_LOG_FACTOR and 2.0 * p_value <= SIGNIFICANCE_LEVEL:
+    if odds[family.name] >= MIN_LOG_FACTOR and 2.0 * p_value <= SIGNIFICANCE_LEVEL:
         wave = _refined(series, spectrum, at, family, odds[family.name])
     outcome = Outcome.NONE if wave is None else Outcome.IDENTIFIED if wave.certain else Outcome.UNKNOWN
     excess = np.clip(spectrum.power[:, at] - 1.0, 0.0, None) / spectrum.information[:, at]
@@ -120,11 +122,17 @@ def map_spectrum(series: Sequence[MapSeries]) -> Spectrum | None:
     flat = [_powers(one, axis, frequency_hz) for one in series for axis in (0, 1)]
     power = np.stack([power for power, _ in flat])
     level = np.median(power, axis=1, keepdims=True) + 1e-18
-    ends = np.cumsum([len(hz) for hz in groups])[:-1]
     # The shape of the noise over frequency is common to all maps: that of one map alone, from few lines, doubles the false alarms.
-    shape = [np.full(part.shape[1], np.median(part)) for part in np.split(power / level, ends, axis=1)]
-    level = level * np.maximum(np.concatenate(shape), 1e-9) / EXPONENTIAL_MEDIAN
+    shape = np.concatenate([_noise_shape(part) for part in np.split(power / level, np.cumsum([len(hz) for hz in groups])[:-1], axis=1)])
+    level = level * np.maximum(shape, 1e-9) / EXPONENTIAL_MEDIAN
     return Spectrum(frequency_hz, power / level, np.stack([weight for _, weight in flat]) / level)
+
+
+def _noise_shape(power: Array) -> Array:
+    """(m,) median power (k, m) near one multiple, in bands of the distance from it, because the window of an engine may differ."""
+    middle = 0.5 * (power.shape[1] - 1)
+    band = np.minimum((BANDS * np.abs(np.arange(power.shape[1]) - middle) / (middle + 1.0)).astype(np.int64), BANDS - 1)
+    return np.array([np.median(power[:, band == value]) for value in range(BANDS)])[band]
 
 
 def _powers(series: MapSeries, axis: int, frequency_hz: Array) -> tuple[Array, Array]:

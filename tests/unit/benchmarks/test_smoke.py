@@ -46,6 +46,7 @@ RUNS: dict[str, tuple[str, ...]] = {
     "bench_startup": ("--smoke",),
     "bench_stop": ("--runs", "1", "--workers", "1"),
     "bench_turned": ("--score", "--folder", "FOLDER"),
+    "bench_verdict_cost": ("--score", "--folder", "FOLDER"),
     "bench_watch": ("--smoke",),
 }
 """Arguments of the smallest run."""
