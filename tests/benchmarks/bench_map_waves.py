@@ -78,13 +78,8 @@ def table(runs: int, nulls: int) -> str:
     named = sum(result.outcome is not Outcome.NONE for result in results)
     largest = max(factor for result in results for _, factor in result.evidence)
     bound = float(beta.ppf(0.95, named + 1, nulls - named)) if named < nulls else 1.0
-    return "\n".join(
-        [
-            *lines,
-            "",
-            f"Without a wave {named} of {nulls} had one (at most {100 * bound:.1f} %, 95 %); largest ln B {largest:.1f}, limit {MIN_LOG_FACTOR:.0f}.",
-        ]
-    )
+    without = f"Without a wave {named} of {nulls} had one (at most {100 * bound:.1f} %, 95 %)"
+    return "\n".join([*lines, "", f"{without}; largest ln B {largest:.1f}, limit {MIN_LOG_FACTOR:.0f}."])
 
 
 def main() -> None:
