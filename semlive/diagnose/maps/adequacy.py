@@ -36,6 +36,7 @@ from semlive.estimate.joint.observations.accumulation import dense_limit
 from semlive.estimate.joint.observations.normal_equations import map_columns
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive.model.effects import RunGeometry
+from semlive.model.effects.maps.apparent_motion import DIC_SUBPIXEL_BIAS
 
 Array = NDArray[np.float64]
 AllowedField = tuple[Array, float]
@@ -183,3 +184,9 @@ def _domain_tests(baseline: HyperparameterGrid) -> tuple[DomainTest, ...]:
 def harmless_px(scene: RunGeometry) -> float:
     """Root mean square of the displacement by `HARMLESS_STRAIN` over the field, px."""
     return HARMLESS_STRAIN * float(np.ptp(scene.address_px[0], axis=0).max()) / float(np.sqrt(12.0))
+
+
+def negligible_px(name: str, scene: RunGeometry) -> float:
+    """Largest displacement that is not reported as an effect: a harmless one, or the own bias of the correlation for its name, px."""
+    own_bias_px = float(np.sqrt(2.0)) * OWN_BIAS_PX if name == DIC_SUBPIXEL_BIAS.name else 0.0
+    return max(harmless_px(scene), own_bias_px)

@@ -15,7 +15,7 @@ from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws,
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
-from semlive.diagnose.maps.adequacy import adequacy_of
+from semlive.diagnose.maps.adequacy import adequacy_of, negligible_px
 from semlive.diagnose.maps.cross_validation import held_out_misfit
 from semlive.diagnose.maps.domain_tests import run_domain_tests
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR, SelectedEffect
@@ -65,6 +65,7 @@ def diagnose(
         result = _second_pass(result, families, model_effects, (draws, seed))
     if result.effects or result.residual_significant:
         result = _with_unequal_noise(result, families, model_effects, (draws, seed))
+    result = _without_negligible(result, model_effects)
     baseline, baseline_with_effects, effects = result.search.baseline, result.baseline_with_effects, result.effects
     gap = held_out_misfit(baseline, baseline_with_effects, seed) if effects else None
     shares = strain_attenuation(baseline_with_effects, result.fields, len(model_effects))[len(model_effects) :]
@@ -171,6 +172,19 @@ def _with_unequal_noise(
     screening = Screening.run(observation, (*families, *UNNAMED_CLASSES), model_effects, noise.whiten)
     other = SearchResult.run(CouplingChoice(observation, screening), families, model_effects, draws)
     return other if other.best_log_evidence - noise.parameter_penalty > result.best_log_evidence else result
+
+
+def _without_negligible(result: SearchResult, model_effects: Sequence[ModelEffect]) -> SearchResult:
+    """The result without effects if all of them are negligible, and the residual without them passes the test of adequacy."""
+    scene = result.search.baseline.design.observation.geometry
+    if not result.effects or any(effect.refined.peak_px > negligible_px(effect.refined.family.name, scene) for effect in result.effects):
+        return result
+    baseline = result.search.baseline
+    plain = replace(
+        result, baseline_with_effects=baseline, effects=(), fields=result.fields[: len(model_effects)], residual_significant=False
+    )
+    test = _adequacy(plain, model_effects)
+    return plain if test is not None and test.passed else result
 
 
 def _adequacy(result: SearchResult, model_effects: Sequence[ModelEffect]) -> AdequacyTest | None:

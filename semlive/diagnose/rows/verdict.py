@@ -91,7 +91,8 @@ def diagnose_rows(series: Sequence[RowSeries], seed: int = 0, model_effects: Seq
             if effect_class is not family and screening.odds[effect_class.name] > screening.odds[family.name] - MIN_LOG_ODDS
         )
         wave = refined(screening.series, screening.spectrum, at)
-        if any(_is_side_line(wave, stronger.wave, residual_series) for stronger in waves):
+        sized = any(_amplitude(wave, axis)[0] > 0.0 for axis in (0, 1))
+        if not sized or any(_is_side_line(wave, stronger.wave, residual_series) for stronger in waves):
             side_lines += 1
         else:
             waves.append(IdentifiedWave(family, wave, screening.odds[family.name], min(1.0, 2.0 * p_value), rivals))

@@ -19,11 +19,12 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid, Hyperparamete
 from semlive.diagnose.baseline.bayes_factor import ProjectedField, sizes_of
 from semlive.diagnose.baseline.design_matrix import BaselineEffect
 from semlive.diagnose.baseline.observation import sample_within_blocks
+from semlive.diagnose.maps.adequacy import negligible_px
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.maps.parameter_search import optimise_parameters, parameter_uncertainty
 from semlive.diagnose.maps.refinement import reported_parameters
 from semlive.diagnose.two_runs.scan_rotation import analyse_scan_rotation, same_scan_times, scan_times_s
-from semlive.diagnose.two_runs.separate_effects import negligible_px, separate_evidence
+from semlive.diagnose.two_runs.separate_effects import separate_evidence
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.arrowhead import ComponentBlocks, factorise
 from semlive.model.effects import TWO_RUN_EFFECT_CLASSES, BasisField, EffectClass, RunGeometry
@@ -200,7 +201,8 @@ def compare_runs(runs: Sequence[HyperparameterGrid]) -> TwoRunVerdict:
     while effect is None and rivals and rivals[0][1] >= SIGNIFICANT_LOG_FACTOR:
         (name, largest), *rest = rivals
         found = next((_shared_effect(item) for item in screening if item.family.name == name), None) or separate[name].effect()
-        effect, rivals = found if found.peak_px > negligible_px(name, runs) else None, tuple(rest)
+        negligible = max(negligible_px(name, run.design.observation.geometry) for run in runs)
+        effect, rivals = found if found.peak_px > negligible else None, tuple(rest)
     if effect is None:
         return TwoRunVerdict(
             Outcome.UNKNOWN if separate_log_odds > SIGNIFICANT_LOG_FACTOR else Outcome.NONE, None, (), ranked, separate_log_odds

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from semlive.data.diagnosis.two_runs import SharedEffect
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, score_candidates
-from semlive.diagnose.maps.adequacy import OWN_BIAS_PX, harmless_px
 from semlive.diagnose.maps.refinement import refined
 from semlive.model.effects import EFFECT_CLASSES, TWO_RUN_EFFECT_CLASSES
-from semlive.model.effects.maps.apparent_motion import DIC_SUBPIXEL_BIAS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,9 +40,3 @@ def separate_evidence(runs: Sequence[HyperparameterGrid]) -> dict[str, SeparateE
             candidates = (*before.candidates, (run, candidate))
             total[candidate.family.name] = SeparateEvidence(before.log_factor + candidate.log_factor, candidates)
     return total
-
-
-def negligible_px(name: str, runs: Sequence[HyperparameterGrid]) -> float:
-    """Largest displacement that is not reported as an effect: a harmless one, or the own bias of the correlation for its name, px."""
-    harmless = max(harmless_px(run.design.observation.geometry) for run in runs)
-    return max(harmless, math.sqrt(2.0) * OWN_BIAS_PX) if name == DIC_SUBPIXEL_BIAS.name else harmless

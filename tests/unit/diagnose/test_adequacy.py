@@ -99,3 +99,12 @@ def test_none_passes_the_test() -> None:
     assert found.adequacy is not None
     assert found.adequacy.passed
     assert found.closest == ()
+
+
+def test_the_own_bias_of_the_correlation_is_no_missing_effect() -> None:
+    biased = tuple(family for family in EFFECT_CLASSES if family.name in ("dic_subpixel_bias", "aspect_drift"))
+    found = diagnose(observed(replace(CLEAN, bias_px=0.0009), (), GRID, QUICK), dictionary=biased, draws=99)
+    assert (found.outcome, found.effects) == (Outcome.NONE, ())
+    assert dict(found.evidence)["dic_subpixel_bias"] > 7.0
+    larger = diagnose(observed(replace(CLEAN, bias_px=0.006), (), GRID, QUICK), dictionary=biased, draws=99)
+    assert (larger.outcome, [effect.name for effect in larger.effects]) == (Outcome.IDENTIFIED, ["dic_subpixel_bias"])
