@@ -31,6 +31,7 @@ class NoteCode(StrEnum):
     EFFECTS_IN_LONG_RUN = "effects_in_long_run"
     STRAIN_GAGE = "strain_gage"
     GLOBAL_CORRELATION = "global_correlation"
+    ELASTIC_CONSTANTS = "elastic_constants"
 
 
 _PREFIX = {NoteLevel.INFORMATION: "", NoteLevel.WARNING: "WARNING: "}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
 from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect, Outcome
-from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal
+from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis, ExperimentProposal
 from semlive.model.effects.intensity import CHARGING_JUMP
 from semlive.model.effects.stage import non_map_effect
 
@@ -21,6 +21,22 @@ COINCIDENCE_S = 10.0  # time resolution of the maps: a subset of 43 rows takes 4
 def add_row_verdict(maps: Diagnosis, rows: RowDiagnosis) -> Diagnosis:
     """Combine the verdict of the maps with that of the rows."""
     return _combine(replace(maps, images=replace(maps.images, rows=rows)), rows, rows.gap)
+
+
+def add_map_wave_verdict(maps: Diagnosis, waves: RowDiagnosis, adequacy: AdequacyTest | None) -> Diagnosis:
+    """Combine the verdict of the maps with that of waves in the maps within pairs.
+
+    A residual of the maps in which nothing else was found, and which is noise with the wave, is explained by it.
+
+    Args:
+        maps: verdict so far.
+        waves: verdict on waves.
+        adequacy: test of the residual of the maps with the wave; None if it was not possible, or without a wave.
+    """
+    explained = maps.outcome is Outcome.UNKNOWN and not maps.effects and adequacy is not None and adequacy.passed
+    if waves.outcome is Outcome.IDENTIFIED and explained:
+        maps = replace(maps, outcome=Outcome.NONE, adequacy=adequacy, closest=())
+    return _combine(maps, waves)
 
 
 def add_intensity_verdict(verdict: Diagnosis, grey: IntensityDiagnosis) -> Diagnosis:

@@ -11,17 +11,17 @@ from semlive import mechanics
 from semlive.data.drift import EstimateRevision
 from semlive.data.experiment import Phase
 from semlive.data.frame import FrameOrigin
-from semlive.data.notes import Note
+from semlive.data.notes import Note, NoteCode, warning
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import StrainSummary
-from semlive.diagnose.residual_whiteness import whiteness_test
+from semlive.diagnose.maps.adequacy import adequacy_after
 from semlive.estimate import Solution
 from semlive.estimate.joint.outputs.stage_path import stage_path_notes
 from semlive.estimate.method import MethodSolution
 from semlive.pipeline.accumulation import solve
 from semlive.pipeline.correction import correct_all
-from semlive.pipeline.elastic import fit_elastic
+from semlive.pipeline.elastic import fit_elastic_with_reason
 from semlive.pipeline.state import AnalysisState
 
 MIN_TRANSLATION_PX = 5.0  # a specimen that is not translated moves less
@@ -48,7 +48,7 @@ def estimate_revision(
 
 def residual_warning(state: AnalysisState) -> tuple[Note, ...]:
     """A warning if the residuals of the newest solution of the joint method are not white."""
-    test = whiteness_test(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
+    test = adequacy_after(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
     return () if test is None else test.notes()
 
 
@@ -75,8 +75,9 @@ def finalise(
         summaries.append(result.summary)
         (each or frames.append)(result)
     newest = estimate_revision(state, solution, checked=True)
-    elastic, gage = fit_elastic(state, solution, {summary.frame: summary for summary in summaries})
-    notes = (*newest.notes, *residual_warning(replace(state, solution=solution)), *mechanics.gage_notes(gage))
+    (elastic, gage), reason = fit_elastic_with_reason(state, solution, {summary.frame: summary for summary in summaries})
+    missing = (warning(NoteCode.ELASTIC_CONSTANTS, f"no elastic constants: {reason}"),) if reason else ()
+    notes = (*newest.notes, *residual_warning(replace(state, solution=solution)), *mechanics.gage_notes(gage), *missing)
     messages = tuple(note.message for note in notes)
     return RunResult(tuple(state.pairs), newest, tuple(frames), elastic, messages, gage, tuple(summaries))
 

@@ -31,18 +31,27 @@ def fit_elastic(state: AnalysisState, solution: MethodSolution, summaries: Mappi
         solution: that the frames were corrected with.
         summaries: mean strains of the frames under load, by number.
     """
+    return fit_elastic_with_reason(state, solution, summaries)[0]
+
+
+def fit_elastic_with_reason(
+    state: AnalysisState, solution: MethodSolution, summaries: Mapping[int, StrainSummary]
+) -> tuple[ElasticResult, str]:
+    """Result of `fit_elastic`, and the reason where a known cross-section and pairs under load give no elastic constants; else empty."""
     specimen, steps = state.settings.specimen, _load_steps(state, summaries)
     if specimen.area_mm2 is None or not steps:
-        return None, None
+        return (None, None), "no pair under load has a measured load" if specimen.area_mm2 is not None and state.tension_pairs else ""
     area_mm2, axis = specimen.area_mm2, specimen.loading_axis
-    elastic, comparison, count = None, None, len(steps)
+    elastic, comparison, count, reason = None, None, len(steps), ""
 
     def covariance(functions: NDArray[np.float64]) -> NDArray[np.float64]:
         return state.method.mean_strain_covariance(solution, [summary.frame for *_, summary in steps], functions)
 
-    with suppress(IllPosed):
+    try:
         points = [(load_n, summary) for _, load_n, _, summary in steps]
         elastic = mechanics.elastic_constants(points, area_mm2, axis, covariance=covariance)
+    except IllPosed as error:
+        reason = str(error)
     gage_steps = [(pair, load_n, gage, summary) for pair, load_n, gage, summary in steps if gage is not None]
     if gage_steps:
         at = np.array([step for step, (_, _, gage, _) in enumerate(steps) if gage is not None])
@@ -55,7 +64,7 @@ def fit_elastic(state: AnalysisState, solution: MethodSolution, summaries: Mappi
 
         with suppress(IllPosed):
             comparison = mechanics.compare_with_gage(gage_steps, area_mm2, axis, specimen.gage_factor_sigma, gage_covariance)
-    return elastic, comparison
+    return (elastic, comparison), reason
 
 
 def refit_elastic(state: AnalysisState) -> AnalysisState:

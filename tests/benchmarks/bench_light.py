@@ -30,7 +30,7 @@ from numexp.world import HEIGHT_PX, WIDTH_PX
 from semlive import estimate
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.diagnose.residual_whiteness import Whiteness, whiteness_test
+from semlive.diagnose.maps.adequacy import Adequacy, adequacy_after
 from semlive.estimate.joint.solution.solver import selection_due
 from semlive_simulators.effects.interfaces import Effect
 
@@ -41,7 +41,7 @@ def print_line(line: str) -> None:
     sys.stdout.flush()
 
 
-def looks(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID) -> Iterator[tuple[Whiteness | None, float]]:
+def looks(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID) -> Iterator[tuple[Adequacy | None, float]]:
     """After each pair what is found, and what looking took, s of processor time."""
     state, solution, decisions = estimate.init(EstimateSettings(), grid, WIDTH_PX, HEIGHT_PX), None, []
     for item in hidden(conditions, effects, grid):
@@ -51,10 +51,10 @@ def looks(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRID
         if selection_due(len(decisions)):
             solution = estimate.solve_incremental(state, solution)
         began = time.process_time()
-        yield whiteness_test(solution, decisions), time.process_time() - began
+        yield adequacy_after(solution, decisions), time.process_time() - began
 
 
-def warned(conditions: Conditions, effects: tuple[Effect, ...]) -> Whiteness | None:
+def warned(conditions: Conditions, effects: tuple[Effect, ...]) -> Adequacy | None:
     """The first look of a run that warns."""
     return next((found for found, _ in looks(conditions, effects) if found is not None and found.most_significant is not None), None)
 

@@ -96,8 +96,18 @@ def diagnose(
 
 def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     console.print(f"{diagnosis.outcome.value}: {_OUTCOME_TEXTS[diagnosis.outcome]}")
+    found = diagnosis.outcome is not Outcome.UNKNOWN
     for effect in diagnosis.effects:
-        console.print(_effect_table(effect))
+        console.print(_effect_table(effect, found))
+    if diagnosis.closest:
+        shares = ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in diagnosis.closest)
+        console.print(f"closest effects, none of them found, with the share of the gap that each closes alone: {shares}")
+    test = diagnosis.adequacy
+    if test is not None and not test.passed:
+        console.print(
+            f"with all effects the residual of the maps is still not noise: test over {test.domain}, p = {test.p_value:.1g}, "
+            f"{test.rms_px:.4f} px rms"
+        )
     for name in diagnosis.coarse:
         console.print(f"{name}: {UNDERRESOLVED[name]}")
     if diagnosis.truncated:
@@ -141,9 +151,10 @@ def _grey_line(diagnosis: Diagnosis) -> str:
     )
 
 
-def _effect_table(effect: IdentifiedEffect) -> Table:
+def _effect_table(effect: IdentifiedEffect, found: bool) -> Table:
     evidence = f"p = {effect.p_value:.3f}, logarithm of the Bayes factor {effect.log_bayes_factor:.1f}"
-    table = Table(title=f"{effect.name}: at most {effect.peak_px:.3f} px, {evidence}")
+    state = "" if found else "closest, not found: "
+    table = Table(title=f"{state}{effect.name}: at most {effect.peak_px:.3f} px, {evidence}")
     for heading in ("parameter", "value", "sigma", "unit"):
         table.add_column(heading)
     for parameter in effect.parameters:

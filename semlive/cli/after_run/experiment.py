@@ -115,7 +115,7 @@ def decide(
         return
     typer.echo(f"{decision.outcome.value}: {(_TURNED if decision.turned else _DECIDED)[decision.outcome]}")
     for effect in decision.effects or ([decision.effect] if decision.effect else []):
-        typer.echo(f"{effect.name}, at most {effect.peak_px:.3f} px" if effect.peak_px else effect.name)
+        typer.echo(f"{effect.name}, at most {effect.peak_px:.3f} px")
         _print_parameters(effect.parameters)
     if decision.turned is not None:
         typer.echo(_BELONGS[decision.turned.follows])

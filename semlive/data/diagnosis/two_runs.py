@@ -14,7 +14,7 @@ class SharedEffect:
     Attributes:
         name: canonical name.
         aliases: names of special cases that its parameters match, the most likely first.
-        peak_px: largest displacement by the effect at any point of any run; 0 where it differs between the runs.
+        peak_px: largest displacement by the effect at any point of any run.
         parameters: physical parameters; empty where they differ between the runs.
     """
 

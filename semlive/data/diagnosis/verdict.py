@@ -151,6 +151,28 @@ class ImageVerdicts:
 
 
 @dataclass(frozen=True, slots=True)
+class AdequacyTest:
+    """Test whether the residual with all effects of a verdict is noise: the test of the live warning and of replay.
+
+    Attributes:
+        domain: domain with the smallest p-value.
+        p_value: family-wise, over all domains.
+        rms_px: root mean square of the residual in the domain.
+        significance_level: largest p-value that counts as significant.
+    """
+
+    domain: str
+    p_value: float
+    rms_px: float
+    significance_level: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the residual is consistent with noise, the own bias of the correlation and harmless residuals."""
+        return self.p_value > self.significance_level
+
+
+@dataclass(frozen=True, slots=True)
 class RunExtent:
     """Time and frame size of a run.
 
@@ -205,6 +227,8 @@ class Diagnosis:
         images: verdicts of the image channels.
         run: extent of the diagnosed run.
         truncated: whether the search for effects ended at the limit of its work, with a significant residual.
+        adequacy: test of the residual of the maps with all effects; None if it was not possible.
+        closest: for UNKNOWN, names of the most likely single effects, and the share of the gap that each closes alone; none is found.
     """
 
     outcome: Outcome
@@ -223,3 +247,5 @@ class Diagnosis:
     images: ImageVerdicts = ImageVerdicts()
     run: RunExtent = RunExtent()
     truncated: bool = False
+    adequacy: AdequacyTest | None = None
+    closest: tuple[tuple[str, float], ...] = ()

@@ -52,7 +52,6 @@ def domain_contrasts(scene: RunGeometry) -> list[tuple[str, Array]]:
     row = np.polynomial.legendre.legvander(scene.time_in_frame_s / float(scene.time_in_frame_s.max()) * 2.0 - 1.0, ROWS)[..., 1:]
     low = scene.address_px.min(axis=(0, 1))
     first = np.moveaxis((scene.address_px - low < 60.0).astype(np.float64), -1, 0)
-    fraction = 2.0 * np.pi * scene.disparity_px
     coarse = modes(scene, 2)
     contrasts = [
         ("space", _both_axes(modes(scene) * relative_time[..., None])),
@@ -60,11 +59,17 @@ def domain_contrasts(scene: RunGeometry) -> list[tuple[str, Array]]:
         ("row_start", _both_axes(np.stack((first[0] * relative_time, first[1] * relative_time), axis=-1))),
         ("scan_time", _both_axes((frames[..., None] * row[:, :, None, :2]).reshape(*relative_time.shape, -1))),
         ("frame", _both_axes((frames[..., None] * coarse[:, :, None, 1:]).reshape(*relative_time.shape, -1))),
-        ("fraction", np.concatenate([_component_columns(value) for value in (np.sin(fraction), np.cos(fraction))], axis=-1)),
+        ("fraction", fraction_waves(scene)),
     ]
     if scene.load.any():
         contrasts.append(("load", _both_axes(modes(scene) * np.broadcast_to(scene.load, relative_time.shape)[..., None])))
     return contrasts
+
+
+def fraction_waves(scene: RunGeometry) -> Array:
+    """(f, b, 2, 4) sine and cosine of the fraction of a pixel, separately along x and y."""
+    fraction = 2.0 * np.pi * scene.disparity_px
+    return np.concatenate([_component_columns(value) for value in (np.sin(fraction), np.cos(fraction))], axis=-1)
 
 
 def _both_axes(shapes: Array) -> Array:

@@ -9,17 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
-from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal, RunExtent
-from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis, ExperimentProposal, RunExtent
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws, overlap
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
+from semlive.diagnose.maps.adequacy import adequacy_of, negligible_px
 from semlive.diagnose.maps.cross_validation import held_out_misfit
 from semlive.diagnose.maps.domain_tests import run_domain_tests
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR, SelectedEffect
 from semlive.diagnose.maps.figure_data import figure_data
-from semlive.diagnose.maps.refinement import RefinedEffect, refit_jointly
+from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
 from semlive.diagnose.maps.relinearise import CouplingChoice, choose_coupling, relinearise_with_effects
 from semlive.diagnose.maps.screening import Screening
 from semlive.diagnose.maps.search import ALL_UNNAMED_CLASSES, MAX_EFFECTS, Search, search
@@ -33,6 +34,7 @@ DRAWS = 299
 # Smallest explained fraction; see `_useful`.
 MIN_EXPLAINED_FRACTION = 0.5
 MIN_COURSE_CHANGE = 0.1  # of the noise of a block
+MAX_CLOSEST = 3  # single effects that are compared with the gap of an UNKNOWN
 
 
 def diagnose(
@@ -63,11 +65,15 @@ def diagnose(
         result = _second_pass(result, families, model_effects, (draws, seed))
     if result.effects or result.residual_significant:
         result = _with_unequal_noise(result, families, model_effects, (draws, seed))
+    result = _without_negligible(result, model_effects)
     baseline, baseline_with_effects, effects = result.search.baseline, result.baseline_with_effects, result.effects
     gap = held_out_misfit(baseline, baseline_with_effects, seed) if effects else None
     shares = strain_attenuation(baseline_with_effects, result.fields, len(model_effects))[len(model_effects) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
     verdict = _verdict(effects, result.residual_significant, gap, result.domain_tests, baseline, shares)
+    adequacy = _adequacy(result, model_effects)
+    if verdict.outcome is Outcome.NONE and adequacy is not None and not adequacy.passed:
+        verdict = replace(verdict, outcome=Outcome.UNKNOWN)
     names, fields = [effect.names[0] for effect in effects], [effect.refined.field_px for effect in effects]
     pictures = figure_data(baseline, baseline_with_effects, names, fields) if effects else None
     shared = _overlaps(baseline, effects[0].refined, result.search.initial_screening) if effects else ()
@@ -78,6 +84,8 @@ def diagnose(
         overlap=shared,
         coarse=result.search.underresolved_splines,
         truncated=result.search.truncated,
+        adequacy=adequacy,
+        closest=_closest(result, seed) if verdict.outcome is Outcome.UNKNOWN else (),
     )
     return replace(verdict, model_effects=tuple(model_effects), run=RunExtent(observation.geometry.end_s, (width, height)))
 
@@ -164,6 +172,46 @@ def _with_unequal_noise(
     screening = Screening.run(observation, (*families, *UNNAMED_CLASSES), model_effects, noise.whiten)
     other = SearchResult.run(CouplingChoice(observation, screening), families, model_effects, draws)
     return other if other.best_log_evidence - noise.parameter_penalty > result.best_log_evidence else result
+
+
+def _without_negligible(result: SearchResult, model_effects: Sequence[ModelEffect]) -> SearchResult:
+    """The result without effects if all of them are negligible, and the residual without them passes the test of adequacy."""
+    scene = result.search.baseline.design.observation.geometry
+    if not result.effects or any(effect.refined.peak_px > negligible_px(effect.refined.family.name, scene) for effect in result.effects):
+        return result
+    baseline = result.search.baseline
+    plain = replace(
+        result, baseline_with_effects=baseline, effects=(), fields=result.fields[: len(model_effects)], residual_significant=False
+    )
+    test = _adequacy(plain, model_effects)
+    return plain if test is not None and test.passed else result
+
+
+def _adequacy(result: SearchResult, model_effects: Sequence[ModelEffect]) -> AdequacyTest | None:
+    """Test of the residual with all effects; None where a spline is too coarse, which the verdict states, or without a factor."""
+    if result.search.underresolved_splines:
+        return None
+    columns = result.search.baseline.design
+    sizes_px = [*(effect.size_px for effect in model_effects), *(effect.refined.baseline_effect.size_px for effect in result.effects)]
+    try:
+        return adequacy_of(columns.observation, columns.whiten, tuple(zip(result.fields, sizes_px, strict=True))).test
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _closest(result: SearchResult, seed: int) -> tuple[tuple[str, float], ...]:
+    """The most likely named effects, each alone, with the share of the gap on held-out pairs that it closes."""
+    baseline = result.search.baseline
+    named = [
+        candidate
+        for candidate in result.search.initial_screening
+        if candidate.family not in ALL_UNNAMED_CLASSES and candidate.log_factor > 0.0
+    ]
+    shares = []
+    for candidate in sorted(named, key=lambda item: -item.log_factor)[:MAX_CLOSEST]:
+        baseline_with_effect = build_grid(baseline.design.with_effects(refined(baseline, candidate).baseline_effect))
+        shares.append((candidate.family.name, held_out_misfit(baseline, baseline_with_effect, seed).closure))
+    return tuple(sorted(shares, key=lambda item: -item[1]))
 
 
 def _prediction_changes(effect: RefinedEffect, observation: Observation, baseline_with_effects: HyperparameterGrid) -> bool:

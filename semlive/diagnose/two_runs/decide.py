@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
 from semlive.data.diagnosis.two_runs import SharedEffect, TwoRunVerdict
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
-from semlive.diagnose.baseline.bayes_factor import score_candidates
+from semlive.diagnose.maps.adequacy import negligible_px
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.maps.parameter_search import optimise_parameters, parameter_uncertainty
 from semlive.diagnose.maps.refinement import reported_parameters
@@ -30,9 +30,9 @@ from semlive.diagnose.two_runs.joint_evidence import (
     with_second_term,
 )
 from semlive.diagnose.two_runs.scan_rotation import SCAN_TIME_TOLERANCE, analyse_scan_rotation, same_scan_times, scan_times_s
+from semlive.diagnose.two_runs.separate_effects import separate_evidence
 from semlive.errors import IllPosed
 from semlive.model.effects import (
-    EFFECT_CLASSES,
     PIXEL_SIZE_EFFECT_CLASSES,
     TWO_RUN_EFFECT_CLASSES,
     BasisField,
@@ -85,24 +85,25 @@ def _most_likely(candidates: Sequence[JointEvidence], count: int) -> list[JointE
 
 
 def _verdict(runs: Sequence[HyperparameterGrid], screening: Sequence[JointEvidence], separate_log_odds: float) -> TwoRunVerdict:
-    shared = {family.name for family in TWO_RUN_EFFECT_CLASSES}
-    others = _separate_evidence(runs, [family for family in EFFECT_CLASSES if family.name not in shared])
-    evidence = others | {candidate.family.name: candidate.log_factor for candidate in screening}
+    separate = separate_evidence(runs)
+    evidence = {name: item.log_factor for name, item in separate.items()} | {item.family.name: item.log_factor for item in screening}
     ranked = tuple(sorted(evidence.items(), key=lambda item: -item[1]))
-    largest = ranked[0][1]
-    if largest < SIGNIFICANT_LOG_FACTOR:
+    effect, largest, rivals = None, 0.0, ranked
+    while effect is None and rivals and rivals[0][1] >= SIGNIFICANT_LOG_FACTOR:
+        (name, largest), *rest = rivals
+        found = next((shared_effect(item) for item in screening if item.family.name == name), None) or separate[name].effect()
+        negligible = max(negligible_px(name, run.design.observation.geometry) for run in runs)
+        effect, rivals = found if found.peak_px > negligible else None, tuple(rest)
+    if effect is None:
         return TwoRunVerdict(
             Outcome.UNKNOWN if separate_log_odds > SIGNIFICANT_LOG_FACTOR else Outcome.NONE, None, (), ranked, separate_log_odds
         )
-    effects = [shared_effect(candidate) for candidate in screening if candidate.family.name == ranked[0][0]] or [
-        SharedEffect(ranked[0][0], (ranked[0][0],), 0.0, ())
-    ]
-    names = (*effects[0].aliases, *(name for name, factor in ranked[1:] if factor > largest - MIN_LOG_ODDS))
+    names = (*effect.aliases, *(name for name, factor in rivals if factor > largest - MIN_LOG_ODDS))
     if separate_log_odds > largest + SIGNIFICANT_LOG_FACTOR:
-        return TwoRunVerdict(Outcome.UNKNOWN, effects[0], (), ranked, separate_log_odds)
+        return TwoRunVerdict(Outcome.UNKNOWN, effect, (), ranked, separate_log_odds)
     if len(names) > 1:
-        return TwoRunVerdict(Outcome.AMBIGUOUS, effects[0], names, ranked, separate_log_odds)
-    return TwoRunVerdict(Outcome.IDENTIFIED, effects[0], (), ranked, separate_log_odds, (effects[0],))
+        return TwoRunVerdict(Outcome.AMBIGUOUS, effect, names, ranked, separate_log_odds)
+    return TwoRunVerdict(Outcome.IDENTIFIED, effect, (), ranked, separate_log_odds, (effect,))
 
 
 def pixel_ratios(runs: Sequence[HyperparameterGrid]) -> tuple[float, ...]:
@@ -133,15 +134,6 @@ def _require_comparable(runs: Sequence[HyperparameterGrid]) -> None:
             "record the second with half or twice the dwell, at another magnification (with pixel sizes in both logs), or with the scan "
             "rotated by 90 degrees and with moves along both axes"
         )
-
-
-def _separate_evidence(runs: Sequence[HyperparameterGrid], families: Sequence[EffectClass]) -> dict[str, float]:
-    """Evidence for effect classes, summed over separate runs."""
-    total = dict[str, float]()
-    for run in runs:
-        for score_candidate in score_candidates(run, families):
-            total[score_candidate.family.name] = total.get(score_candidate.family.name, 0.0) + score_candidate.log_factor
-    return total
 
 
 def shared_effect(screening: JointEvidence) -> SharedEffect:

@@ -5,17 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from semlive import pipeline
-from semlive.data.diagnosis.effects import EMPTY_MODEL, ModelEffect
+from semlive.data.diagnosis.effects import EMPTY_MODEL, ModelEffect, Outcome
 from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast
 from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.model_effects import observable_effects
 from semlive.diagnose.baseline.observation import HOLD_S, Observation, StepConditions, baseline_solution, make_observation, step_conditions
-from semlive.diagnose.combine import add_intensity_verdict, add_row_verdict
+from semlive.diagnose.combine import add_intensity_verdict, add_map_wave_verdict, add_row_verdict
 from semlive.diagnose.experiments.forecast import forecast_experiments
 from semlive.diagnose.experiments.proposals import ranked
 from semlive.diagnose.intensity.verdict import diagnose_intensity
+from semlive.diagnose.maps.adequacy import adequacy_of
 from semlive.diagnose.maps.verdict import diagnose
+from semlive.diagnose.rows.map_series import map_series, wave_fields
+from semlive.diagnose.rows.map_waves import diagnose_map_waves
 from semlive.diagnose.rows.verdict import diagnose_rows
 from semlive.diagnose.scalars.load_cell import add_clock_evidence, add_load_cell_evidence, load_readings
 from semlive.diagnose.scalars.stage import add_stage_evidence, stage_moves
@@ -73,8 +78,26 @@ def diagnose_log(
     verdict = add_gage_evidence(verdict, gage_readings(readings, steps, settings.specimen.gage_factor_sigma))
     if notes.sem_clock is not None:
         verdict = add_clock_evidence(verdict, notes.sem_clock.offset_s - settings.scan.clock_offset_s, notes.sem_clock.sigma_s)
+    verdict = _with_map_waves(verdict, observation)
     images = channels.data()
     return _with_intensity(_with_rows(verdict, images, seed), images), observation
+
+
+def _with_map_waves(verdict: Diagnosis, observation: Observation) -> Diagnosis:
+    """The verdict with a wave near a multiple of the row rate, unless the model contains row effects already."""
+    if any(row_effect(effect.name) is not None for effect in verdict.model_effects):
+        return verdict
+    waves = diagnose_map_waves(map_series(observation))
+    if waves is None or waves.outcome is Outcome.NONE:
+        return verdict
+    adequacy = None
+    if waves.effects and verdict.outcome is Outcome.UNKNOWN and not verdict.effects:
+        frequency_hz = dict(waves.effects[0].model_effect.values)["frequency_hz"]
+        try:
+            adequacy = adequacy_of(observation, effects=[(wave_fields(observation, frequency_hz), waves.effects[0].peak_px)]).test
+        except np.linalg.LinAlgError:
+            adequacy = None
+    return add_map_wave_verdict(verdict, waves, adequacy)
 
 
 def _with_rows(verdict: Diagnosis, images: ImageData, seed: int) -> Diagnosis:

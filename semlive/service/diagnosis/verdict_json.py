@@ -31,6 +31,8 @@ def diagnosis_json(verdict: Diagnosis) -> dict[str, object]:
         "overlap": dict(verdict.overlap),
         "coarse": list(verdict.coarse),
         "truncated": verdict.truncated,
+        "adequacy": None if verdict.adequacy is None else {**asdict(verdict.adequacy), "passed": verdict.adequacy.passed},
+        "closest": dict(verdict.closest),
         "pairs": {"used": verdict.run.pairs[0], "of": verdict.run.pairs[1]},
         "rows": _rows_json(verdict),
         "grey": _grey_json(verdict),

@@ -17,6 +17,7 @@ from semlive.errors import BadConfig, BadLog, PoorCalibration
 from semlive.estimate.method import MethodSolution
 from semlive.formats.log.conversions import pair_decision
 from semlive.formats.log.messages import PairMessage, ResultMessage, from_json
+from semlive.model import RasterTerm
 from semlive.service.analysis.messages import INPUT_TOPICS
 from semlive.service.analysis.step import WorkerState, background_work, process_message
 from semlive.service.config.overrides import SettingOverride, apply_overrides
@@ -45,6 +46,10 @@ class Source(StrEnum):
 
     IMAGES = "images"
     DISPARITY = "disparity"
+
+
+RASTER_TERMS = tuple(term.value for term in RasterTerm)
+"""Optional terms of the estimate that change the raster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +202,24 @@ def require_calibration(log: Path, done: ReplayResult) -> None:
     reason = pipeline.calibration_refusal(done.result, done.settings)
     if reason is not None:
         accept = "or take what was measured under load all the same with --set estimate.accept_poor_calibration=true"
-        raise PoorCalibration(f"{log}: the calibration is refused: {reason}, {accept}.")
+        raise PoorCalibration(f"{log}: the calibration is refused: {reason}, {accept}.{_missing_effect_advice(log, done)}")
+
+
+def _missing_effect_advice(log: Path, done: ReplayResult) -> str:
+    """The next command where a missing effect may be the cause of a refused calibration; else empty.
+
+    A drift of the raster takes the same displacements as larger translations would show. A residual beyond noise makes the drift rough.
+    """
+    used = [term.name for term in done.result.estimate.terms if term.included and term.name in RASTER_TERMS]
+    causes = [f"the estimate uses {name}, which another effect may imitate" for name in used]
+    if pipeline.residual_warning(replace(done.analysis, solution=done.solution)):
+        causes.append("the residual of the maps is more than noise")
+    if not causes:
+        return ""
+    return (
+        f" An effect that is missing in the model may cause this ({', '.join(causes)}): identify it with `semlive diagnose {log} "
+        f"-o model.json`, then repeat the replay with `--model model.json`."
+    )
 
 
 def result_from_maps(log: Path, callbacks: ReplayCallbacks | None = None) -> tuple[RunResult, AnalysisSettings]:

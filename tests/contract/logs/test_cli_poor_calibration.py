@@ -44,6 +44,8 @@ def test_strain_under_load_is_refused_with_figures_and_given_when_requested(seml
     assert (code, err) == (0, "")
     reported = json.loads(out)
     assert any(item.startswith("WARNING, the load steps are corrected with it all the same") for item in reported["warnings"])
+    reasons = [item for item in reported["warnings"] if "no elastic constants: " in item]
+    assert (reported["elastic"] is None) == (len(reasons) == 1), reported["warnings"]
 
 
 def test_so_is_it_by_the_published_procedure(semlive: Semlive, poor: Path, tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ RUNS: dict[str, tuple[str, ...]] = {
     "bench_frame_check": ("--maps", "1", "--only", "bench"),
     "bench_injected": ("--score", "--folder", "FOLDER"),
     "bench_latency": ("--smoke",),
+    "bench_map_waves": ("--runs", "0", "--nulls", "1"),
     "bench_noise": ("short",),
     "bench_noise_shapes": ("--score", "--folder", "FOLDER"),
     "bench_peer_frame": ("--list",),
@@ -46,6 +47,7 @@ RUNS: dict[str, tuple[str, ...]] = {
     "bench_startup": ("--smoke",),
     "bench_stop": ("--runs", "1", "--workers", "1"),
     "bench_turned": ("--score", "--folder", "FOLDER"),
+    "bench_verdict_cost": ("--score", "--folder", "FOLDER"),
     "bench_watch": ("--smoke",),
 }
 """Arguments of the smallest run."""

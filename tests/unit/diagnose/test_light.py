@@ -20,7 +20,7 @@ from semlive import pipeline
 from semlive.data.diagnosis.effects import DomainTest
 from semlive.data.grid import Grid
 from semlive.data.settings import AnalysisSettings, EstimateSettings
-from semlive.diagnose.residual_whiteness import FALSE_ALARM_RATE, Whiteness, whiteness_test
+from semlive.diagnose.maps.adequacy import FALSE_ALARM_RATE, Adequacy, adequacy_after
 from semlive.service.analysis.results import new_warnings
 
 GRID = Grid(101, 101, 45, 17, 14, 43)  # a block is a point
@@ -34,8 +34,8 @@ def one_thread() -> Iterator[None]:
         yield
 
 
-def after_each(note: Steps) -> list[Whiteness | None]:
-    return [whiteness_test(state.solution, state.pairs) for state, _ in note]
+def after_each(note: Steps) -> list[Adequacy | None]:
+    return [adequacy_after(state.solution, state.pairs) for state, _ in note]
 
 
 @pytest.fixture(scope="module")
@@ -65,13 +65,13 @@ def test_a_hidden_effect_is_found_in_its_domain(name: str, domain: str, by: int)
 
     # Once in a run, whatever figures and domain a later look has.
     news, warned = new_warnings((note,), frozenset())
-    later = Whiteness(by + 1, (DomainTest("space", 1e-30, 0.1),)).notes()
+    later = Adequacy(by + 1, (DomainTest("space", 1e-30, 0.1),)).notes()
     assert len(news) == 1
     assert new_warnings(later, warned)[0] == ()
 
 
 def test_all_looks_together_spend_what_is_allowed() -> None:
-    spent = [Whiteness(pairs, ()).significance_level for pairs in range(5, 10_000)]
+    spent = [Adequacy(pairs, ()).significance_level for pairs in range(5, 10_000)]
     assert 0.999 * FALSE_ALARM_RATE < sum(spent) < FALSE_ALARM_RATE
 
 
@@ -83,6 +83,6 @@ def test_the_published_method_has_no_such_look() -> None:
 
 def test_values_that_allow_no_look_end_nothing(noise: Steps) -> None:
     state, _ = noise[4]
-    assert whiteness_test(state.solution, state.pairs) is not None
-    assert whiteness_test(state.solution, state.pairs[:4]) is None
-    assert np.isfinite(whiteness_test(state.solution, state.pairs).where[0].p_value)  # type: ignore[union-attr]
+    assert adequacy_after(state.solution, state.pairs) is not None
+    assert adequacy_after(state.solution, state.pairs[:4]) is None
+    assert np.isfinite(adequacy_after(state.solution, state.pairs).where[0].p_value)  # type: ignore[union-attr]

@@ -60,6 +60,18 @@ def test_a_wave_is_named_by_its_frequency(hz: float, name: str) -> None:
     assert found.gap.closure > 0.8
 
 
+@pytest.mark.parametrize(("share", "lines", "names"), [(0.03, 0.8, 1), (0.03, 8.0, 2)])
+def test_a_side_line_of_a_wave_is_no_second_wave(share: float, lines: float, names: int) -> None:
+    """A wave whose amplitude changes within the frame, as by interpolation between rows, has weak lines close to its own."""
+    item = series(5, pairs=6, hz=23.17, size_px=1.0)
+    changing = [replace(one, shift_px=one.shift_px * (1.0 + 0.009 * np.linspace(-1.0, 1.0, ROWS)[:, None] ** 3)) for one in item]
+    near = series(6, pairs=6, hz=23.17 + lines / item[0].duration_s, size_px=share)
+    both = [replace(one, shift_px=one.shift_px + other.shift_px) for one, other in zip(changing, near, strict=True)]
+    found = diagnose_rows(both)
+    assert found.outcome is Outcome.IDENTIFIED
+    assert len([value for value in values_and_sigmas(found, "vibration") if value.endswith("hz")]) == names
+
+
 def test_jitter_is_found_as_large_as_it_is_and_not_called_a_wave() -> None:
     found = diagnose_rows(series(6, jitter_px=0.2))
     assert (found.outcome, [item.name for item in found.effects]) == (Outcome.IDENTIFIED, ["row_jitter"])

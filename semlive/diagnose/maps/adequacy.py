@@ -1,0 +1,192 @@
+"""Test of adequacy, one for the live warning, for replay and for the verdict: whether the residual of the maps is more than noise.
+
+The contrasts are those of the domain tests. Under the null hypothesis the residual of a contrast after marginalising the baseline is
+Gaussian with a known covariance. Its squared norm is chi-squared distributed, so no draws are needed.
+
+Three parts of a residual are not an inadequate model, so they belong to the null hypothesis:
+
+- what the estimate corrects: changes of the raster that it uses, and effects of a model;
+- the own bias of the correlation, a wave over the fraction of a pixel of at most `OWN_BIAS_PX`;
+- a residual so small that it is harmless: at most `HARMLESS_STRAIN`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from semlive.data.diagnosis.effects import DomainTest
+from semlive.data.diagnosis.verdict import AdequacyTest
+from semlive.data.notes import Note, NoteCode, warning
+from semlive.data.pair import PairDecision
+from semlive.diagnose.baseline.baseline import HyperparameterGrid, with_free_distortion
+from semlive.diagnose.baseline.bayes_factor import project
+from semlive.diagnose.baseline.design_matrix import BaselineEffect, design
+from semlive.diagnose.baseline.noise_scale import residual_scale, rough_modes
+from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, make_observation, step_conditions
+from semlive.diagnose.baseline.unequal_noise import unequal_noise
+from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window
+from semlive.diagnose.maps.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts, fraction_waves
+from semlive.errors import IllPosed
+from semlive.estimate.joint.observations.accumulation import dense_limit
+from semlive.estimate.joint.observations.normal_equations import map_columns
+from semlive.estimate.joint.solution.posterior import Solution
+from semlive.model.effects import RunGeometry
+from semlive.model.effects.maps.apparent_motion import DIC_SUBPIXEL_BIAS
+
+Array = NDArray[np.float64]
+AllowedField = tuple[Array, float]
+FALSE_ALARM_RATE = 0.01
+"""Fraction of runs without a hidden effect, of any length, in which at least one test is significant; the tests share it."""
+OWN_BIAS_PX = 1e-3  # cubic spline on rendered and on independent images: 0.0008 to 0.0009 px; quintic a third of it
+HARMLESS_STRAIN = 2e-6  # a thirtieth of the strain noise in Sutton et al. (2007), 6e-5
+RASTER_PX = 1.0  # prior standard deviation of a used raster term at a knot: much more than any drift of the raster
+
+
+@dataclass(frozen=True, slots=True)
+class Adequacy:
+    """Result of the test for a run so far.
+
+    Attributes:
+        pairs: number of pairs.
+        where: test of each domain; p-values are corrected for the number of domains of this test.
+    """
+
+    pairs: int
+    where: tuple[DomainTest, ...]
+
+    @property
+    def significance_level(self) -> float:
+        """Significance level of this test: the k-th test spends the fraction 1 / (k (k + 1)) of the total false-alarm probability."""
+        test_number = self.pairs - MIN_PAIRS + 1
+        return FALSE_ALARM_RATE / (test_number * (test_number + 1))
+
+    @property
+    def most_significant(self) -> DomainTest | None:
+        """The domain with the smallest p-value if it is significant; else None."""
+        least = min(self.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))  # p-values end at 0
+        return least if least.p_value <= self.significance_level else None
+
+    @property
+    def test(self) -> AdequacyTest:
+        """The domain with the smallest p-value, with the significance level."""
+        least = min(self.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))  # p-values end at 0
+        return AdequacyTest(least.domain, least.p_value, least.rms_px, self.significance_level)
+
+    def notes(self) -> tuple[Note, ...]:
+        """Warning for the operator; empty if no domain is significant."""
+        test = self.most_significant
+        if test is None:
+            return ()
+        chance = f"p = {test.p_value:.1g}" if test.p_value >= 1e-99 else "p < 1e-99"
+        text = (
+            f"the residual of the maps after {self.pairs} pairs is not white, test over {_DOMAIN_TEXT[test.domain]}: {chance}, "
+            f"{test.rms_px:.4f} px rms; an effect is missing in the model"
+        )
+        return (warning(NoteCode.RESIDUAL, text),)
+
+
+_DOMAIN_TEXT = {
+    "space": "the position in the field",
+    "row": "the row",
+    "row_start": "the distance from the start of rows and frames",
+    "scan_time": "the time within each frame",
+    "frame": "the frame",
+    "load": "the load",
+    "fraction": "the fraction of a pixel",
+}
+
+
+def adequacy_after(solution: Solution, decisions: Sequence[PairDecision]) -> Adequacy | None:
+    """Test the residual of an estimate; None with too few pairs or points, or more pairs than one matrix holds.
+
+    Args:
+        solution: solution of the joint method after the newest pair.
+        decisions: decisions of all pairs.
+    """
+    if len(decisions) < MIN_PAIRS or dense_limit(solution.state) < len(decisions):
+        return None
+    try:
+        return adequacy_of(make_observation(solution, step_conditions(decisions)))
+    except (IllPosed, np.linalg.LinAlgError):  # the run continues; `semlive diagnose` reports the reason
+        return None
+
+
+def adequacy_of(observation: Observation, whiten: Whitener | None = None, effects: Sequence[AllowedField] = ()) -> Adequacy:
+    """Test the residual of an observation. Where equal noise fails, noise that differs between frames and places is tested too.
+
+    Args:
+        observation: observation of a run.
+        whiten: correlation of the noise; None for the most likely one. Its size is estimated again.
+        effects: fields (f, b, 2, q) of further effects, px, with the prior standard deviation of their amplitudes, px.
+    """
+    whiten = whiten or _most_likely_whitener(observation)
+    raster, waves = (_used_raster_changes(observation), RASTER_PX), (fraction_waves(observation.geometry), OWN_BIAS_PX)
+    allowed = [field for field in (*effects, raster, waves) if field[0].shape[-1]]
+    baseline = _noise_scaled(observation, whiten, allowed)
+    result = Adequacy(len(observation.steps), _domain_tests(baseline))
+    noise = None if result.most_significant is None else unequal_noise(baseline)
+    if noise is None:
+        return result
+    return Adequacy(result.pairs, _domain_tests(_noise_scaled(observation, noise.whiten, allowed)))
+
+
+def _most_likely_whitener(observation: Observation) -> Whitener:
+    residual = observation.residual_px()
+    window = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough_modes(observation))
+    return make_whitener(observation.grid, observation.valid_blocks, window[0], float(residual.std()) or 1e-6, window[1])
+
+
+def _noise_scaled(observation: Observation, whiten: Whitener, allowed: Sequence[AllowedField]) -> HyperparameterGrid:
+    """The baseline with the allowed fields in units of the noise, with one pass for the noise, one drift prior and a free distortion."""
+    columns = design(observation, whiten)
+    for field_px, size_px in allowed:
+        columns = columns.with_effects(BaselineEffect(columns.whiten(field_px), size_px))
+    return with_free_distortion(columns.rescaled(residual_scale(with_free_distortion(columns), rough_modes(observation))))
+
+
+def _used_raster_changes(observation: Observation) -> Array:
+    """(f, b, 2, q) displacement by unit values of the raster terms that the estimate uses, px."""
+    state = observation.state
+    sizes_px = observation.solution.hyper.raster_px
+    parts = [state.layout.part(change.name) for change, size_px in zip(state.raster, sizes_px, strict=False) if size_px]
+    used = np.concatenate([np.arange(part.start, part.stop) for part in parts]) if parts else np.zeros(0, dtype=np.int64)
+    fields = np.zeros((observation.frames, observation.blocks, 2, len(used)))
+    for frame, rows in enumerate(observation.rows if parts else (), start=1):
+        for axis, (index, value) in enumerate(map_columns(state, rows, state.linearisation_point)):
+            _, own, at = np.intersect1d(index, used, return_indices=True)
+            fields[frame][:, axis, at] = value[np.ix_(observation.valid_blocks, own)]
+    return fields
+
+
+def _domain_tests(baseline: HyperparameterGrid) -> tuple[DomainTest, ...]:
+    scene = baseline.design.observation.geometry
+    contrasts = domain_contrasts(scene)
+    f, b, _ = baseline.whitened_residual.shape
+    tests = []
+    for domain, field in contrasts:
+        projection = project(baseline, field)
+        values, gradient = projection.values[0], projection.gradient[0]
+        observed = values > MIN_RELATIVE_EIGENVALUE * values[-1]
+        values, squares, count = values[observed], gradient[observed] ** 2, int(observed.sum())
+        amplitude_px = harmless_px(scene) / float(np.sqrt(np.mean(np.sum(field**2, axis=-1)))) if count else 0.0
+        power = float(np.sum(squares / (values + (values * amplitude_px) ** 2)))
+        rms_px = baseline.design.whiten.sigma_px * float(np.sqrt(max(float(np.sum(squares / values)) - count, 0.0) / (2 * f * b)))
+        p_value = float(chdtrc(count, power)) if count else 1.0
+        tests.append(DomainTest(domain, min(1.0, len(contrasts) * p_value), rms_px))
+    return tuple(tests)
+
+
+def harmless_px(scene: RunGeometry) -> float:
+    """Root mean square of the displacement by `HARMLESS_STRAIN` over the field, px."""
+    return HARMLESS_STRAIN * float(np.ptp(scene.address_px[0], axis=0).max()) / float(np.sqrt(12.0))
+
+
+def negligible_px(name: str, scene: RunGeometry) -> float:
+    """Largest displacement that is not reported as an effect: a harmless one, or the own bias of the correlation for its name, px."""
+    own_bias_px = float(np.sqrt(2.0)) * OWN_BIAS_PX if name == DIC_SUBPIXEL_BIAS.name else 0.0
+    return max(harmless_px(scene), own_bias_px)

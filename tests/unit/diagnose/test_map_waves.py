@@ -1,0 +1,95 @@
+"""Waves near multiples of the row rate are found in the maps within pairs; drift, distortion and noise are none."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from blind.experiment import Conditions
+from blind.observing import QUICK, observed
+
+from semlive.data.diagnosis.effects import Outcome
+from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis
+from semlive.data.grid import Grid
+from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.combine import add_map_wave_verdict
+from semlive.diagnose.maps.adequacy import adequacy_of
+from semlive.diagnose.rows.map_series import map_series, wave_fields
+from semlive.diagnose.rows.map_waves import diagnose_map_waves
+from semlive_simulators.effects.interfaces import Effect, PixelVisits, Plane
+
+GRID = Grid(101, 101, 20, 38, 30, 43)
+FIVE_PAIRS = Conditions(61, calibration=5, tension=0, subset_px=43)
+
+
+@dataclass(frozen=True, slots=True)
+class SampledVibration(Effect):
+    """A vibration, 0.05 px, as whole rows sample it: between rows it continues with its alias, so that addresses are unique."""
+
+    name = "vibration"
+    frequency_hz: float
+
+    def offset_px(self, at: PixelVisits) -> Plane:
+        """Equal waves in both axes, with a phase of its own in every frame."""
+        row_time_s = at.scan.frame_time_s / at.scan.height_px
+        cycles = self.frequency_hz * row_time_s
+        phase = (cycles - round(cycles)) * at.y_px + self.frequency_hz * at.scan.dwell_time_s * at.x_px
+        wave = 0.05 * np.sin(2.0 * np.pi * (phase + np.random.default_rng(at.frame).uniform()))
+        return wave, wave
+
+
+def run(*effects: Effect, seed: int = 61) -> Observation:
+    return observed(replace(FIVE_PAIRS, seed=seed), effects, GRID, QUICK)
+
+
+@pytest.fixture(scope="module")
+def shaken() -> Observation:
+    """A wave of 4 times the row rate of 9.34 Hz, less 0.05 Hz."""
+    return run(SampledVibration(37.3))
+
+
+def test_a_wave_near_a_multiple_of_the_row_rate_is_identified(shaken: Observation) -> None:
+    found = diagnose_map_waves(map_series(shaken))
+    assert found is not None
+    assert found.outcome is Outcome.IDENTIFIED
+    (effect,) = found.effects
+    assert effect.name == "vibration"
+    values = {parameter.name: parameter for parameter in effect.parameters}
+    assert abs(values["frequency_hz"].value - 37.3) < 2e-3
+    for name in ("amplitude_x_px", "amplitude_y_px"):
+        assert abs(values[name].value - 0.05) < 3.0 * values[name].sigma
+        assert values[name].sigma < 0.015
+
+
+def test_drift_distortion_and_noise_are_no_wave() -> None:
+    found = diagnose_map_waves(map_series(run()))
+    assert found is not None
+    assert (found.outcome, found.effects) == (Outcome.NONE, ())
+    assert max(factor for _, factor in found.evidence) < 5.0
+
+
+def test_a_residual_that_is_noise_with_the_wave_is_explained_by_it(shaken: Observation) -> None:
+    found = diagnose_map_waves(map_series(shaken))
+    assert found is not None
+    without, with_wave = adequacy_of(shaken), adequacy_of(shaken, effects=[(wave_fields(shaken, 37.3), 0.05)])
+    assert with_wave.most_significant is None
+    unknown = Diagnosis(Outcome.UNKNOWN, (), (), None, None, None, (), 0.02, adequacy=without.test)
+    assert add_map_wave_verdict(unknown, found, with_wave.test).outcome is Outcome.IDENTIFIED
+    failed = AdequacyTest("space", 0.0, 0.1, 1e-4)
+    assert add_map_wave_verdict(unknown, found, failed).outcome is Outcome.UNKNOWN
+    none = replace(unknown, outcome=Outcome.NONE)
+    assert add_map_wave_verdict(none, found, None).outcome is Outcome.IDENTIFIED
+
+
+def test_a_wave_in_a_frame_has_its_own_phase(shaken: Observation) -> None:
+    fields = wave_fields(shaken, 37.3)
+    f, b = shaken.geometry.time_s.shape
+    assert fields.shape == (f, b, 2, 4 * f)
+    assert np.count_nonzero(fields[3].any(axis=(0, 1))) == 4
+    assert np.allclose(np.sum(fields**2, axis=-1), 1.0)
