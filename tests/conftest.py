@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import subprocess
 import sys
 import tempfile
@@ -23,6 +24,15 @@ from .waiting import wait_until
 # How long an example takes of wall time shows how busy the computer is; where it matters a test counts its own processor time.
 settings.register_profile("semlive", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("semlive")
+
+
+@pytest.fixture(scope="session")
+def real_samples() -> Path:
+    """The folder of measured images, fields and clocks of others, which are not part of the code base."""
+    folder = os.environ.get("SEMLIVE_REAL")
+    if not folder:
+        pytest.skip("SEMLIVE_REAL does not name the folder of measured data")
+    return Path(folder)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -44,8 +44,8 @@ def simulated(frequency_hz: float, amplitude_px: float, seed: int) -> list[MapSe
             frames = [amplitude_px * np.cos(phase + rng.uniform(0.0, 2.0 * np.pi)) for _ in range(2)]
             noise = rng.normal(0.0, np.sqrt(2.0) * NOISE_PX * SUBSET_PX, phase.shape)
             drift = 0.3 * y / HEIGHT_PX + 0.1 * (y / HEIGHT_PX) ** 2
-            seen = uniform_filter(frames[1] - frames[0] + noise + drift, SUBSET_PX)
-            values.append(seen[np.ix_(ROWS.astype(int), COLUMNS.astype(int))])
+            observed = uniform_filter(frames[1] - frames[0] + noise + drift, SUBSET_PX)
+            values.append(observed[np.ix_(ROWS.astype(int), COLUMNS.astype(int))])
         valid = np.ones(values[0].shape, dtype=np.bool_)
         found.append(make_map_series(values, valid, (ROWS, COLUMNS), float(SUBSET_PX), (ROW_TIME_S, DWELL_TIME_S)))
     return found

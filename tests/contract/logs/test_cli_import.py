@@ -144,7 +144,7 @@ def test_maps_of_other_pairs_are_omitted_and_reported(copy: Path) -> None:
     assert import_folder(ImportRequest(copy, copy.parent / "log.mcap")).skipped == ("disparity_3_8.csv",)
 
 
-def test_a_clock_beside_the_maps_and_the_pixel_size_are_in_the_log(copy: Path) -> None:
+def test_import_logs_the_clock_and_the_pixel_size(copy: Path) -> None:
     """The clock has the times of equations 1 to 4 before a pause in frame 3, and later ones after it."""
     frames = (copy / "frames.csv").read_text().splitlines()
     (copy / "frames.csv").write_text("\n".join([frames[0] + ",pixel_nm", *(line + ",1250" for line in frames[1:])]) + "\n")

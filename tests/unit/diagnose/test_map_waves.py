@@ -30,7 +30,7 @@ FIVE_PAIRS = Conditions(61, calibration=5, tension=0, subset_px=43)
 
 @dataclass(frozen=True, slots=True)
 class SampledVibration(Effect):
-    """A vibration, 0.05 px, as whole rows sample it: between rows it continues with its alias, so that addresses are unique."""
+    """A vibration, 0.05 px, as complete rows sample it: between rows it continues with its alias, so that addresses are unique."""
 
     name = "vibration"
     frequency_hz: float

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -21,14 +18,6 @@ from semlive.formats.log.maps import decode_map, encode_map
 SIZE = 192
 BLOBS = 260
 SETTINGS = DicSettings(subset_px=31, step_px=12, roi_px=None)
-
-
-@pytest.fixture(scope="session")
-def real_samples() -> Path:
-    folder = os.environ.get("SEMLIVE_REAL")
-    if not folder:
-        pytest.skip("SEMLIVE_REAL does not name the folder of real raster pairs")
-    return Path(folder)
 
 
 def displacement(x, y):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +23,6 @@ from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.exporters.settings import Vendor
 from semlive_simulators.scenario import load_scenario
 
-REAL = os.environ.get("SEMLIVE_REAL")
 PROFILE = ScanProfile(dwell_time_s=1e-4, row_time_s=0.01, frame_time_s=0.4, pixel_size_m=1e-6)
 
 
@@ -131,10 +129,9 @@ def test_the_simulator_writes_the_clock_that_its_scan_followed() -> None:
     assert true_s[-1] > (scan.height_px - 1) * scan.row_time_s + 5.0
 
 
-@pytest.mark.skipif(REAL is None, reason="needs SEMLIVE_REAL, the folder of measured data")
-def test_the_clock_of_a_real_instrument_follows_equation_3() -> None:
+def test_the_clock_of_a_real_instrument_follows_equation_3(real_samples: Path) -> None:
     """Gxsm4, 700 rows of 700 px over 1787 s; the steps of its float32 values are 0.125 ms at the end."""
-    data = (Path(str(REAL)) / "gxsm4" / "clock_ms.npz").read_bytes()
+    data = (real_samples / "gxsm4" / "clock_ms.npz").read_bytes()
     clock = read_row_clock(data, "clock_ms.npz", 700, 700)
     with np.load(io.BytesIO(data)) as channels:
         measured_s = 1e-3 * channels["time_ms"].astype(np.float64)
