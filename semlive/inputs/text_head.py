@@ -21,6 +21,7 @@ from semlive.inputs.text_cells import (
     joined_units,
     split,
 )
+from semlive.inputs.text_number import is_lost
 
 HEAD_LINES = 200
 """Number of lines of numbers that decide how a table is written."""
@@ -166,11 +167,16 @@ def number_rows(lines: Sequence[str], data_from: int, separator: str) -> Rows:
     return rows
 
 
-def without_trailing(columns: tuple[Column, ...], rows: Rows, separator: str) -> tuple[Column, ...]:
-    """Adapt the columns to programs that end every line but the head with a separator, or only the head."""
+def without_trailing(columns: tuple[Column, ...], rows: Rows, lines: Sequence[str], separator: str) -> tuple[Column, ...]:
+    """Adapt the columns to programs that end every line but the head with a separator, or only the head.
+
+    An empty cell in quotes is a cell. One line alone that has lost another value may also have gained a cell.
+    """
     counts = {len(cells) for _, cells in rows}
     if counts == {len(columns) + 1} and columns[-1].raw and not any(cells[-1] for _, cells in rows):
-        return (*columns, Column("", "", ""))
+        is_bare = all(lines[number - 1].rstrip(" \r\n").endswith(separator) for number, _ in rows)
+        if is_bare and (len(rows) > 1 or not any(is_lost(cell) for cell in rows[0][1][:-1])):
+            return (*columns, Column("", "", ""))
     unused = ("", "Comment") if separator == "\t" else ("",)  # LabVIEW writes few comments
     if counts == {len(columns) - 1} and len(columns) > 1 and columns[-1].raw in unused:
         return columns[:-1]

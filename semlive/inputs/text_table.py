@@ -190,7 +190,7 @@ def _readings(
         message = f"{where}: line {data_from}: may hold units or names; name the columns, or specify the separator."
         raise Misfit(DEFINITE, AmbiguousTable(message))
     rows = number_rows(lines, data_from, separator)
-    columns = without_trailing(columns, rows, separator)
+    columns = without_trailing(columns, rows, lines, separator)
     try:
         places = select(columns)
     except BadInput as error:

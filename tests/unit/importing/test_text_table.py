@@ -179,7 +179,7 @@ def test_a_blank_that_groups_digits_is_no_separator() -> None:
         # The second value of a line with decimal commas may be lost.
         ("u / px,Weg / mm\n24,63,\n", "u", "may mean '24' and '63', or '24,63'"),
         # A number with thousands and a lost last value are as many cells as five names, of which the last is empty.
-        ("Ext, u, Kraft, Strain\n297,129.194, 2.882, #N/A, \n", "Ext", "297 and 129.194 may be one number"),
+        ("Ext, u, Kraft, Strain\n297,129.194, 2.882, #N/A, \n", "Ext", "has 5 cells under 4 names"),
         # Names and numbers with different separators.
         ("# x y u v\n1.5,2,0.1,0.2\n", "u", "line 2: has commas between the numbers, but blanks between the names"),
         ("x,y,u,v\n1.5;2;0.1;0.2\n", "u", "line 2: has semicolons between the numbers, but commas between the names"),
@@ -207,6 +207,13 @@ def test_a_single_line_with_more_or_fewer_cells_than_names_above_it_is_refused(c
     assert read(f"# u v Force Strain\n{cells}\n{cells}\n{cells}\n", 1)[1] == [[1.0]] * 3
     with pytest.raises(BadInput, match=r"has . cells under 4 names"):
         read(f"# u v Force (kN) Strain\n{cells}\n{cells}\n{cells}\n", 1)
+
+
+@pytest.mark.parametrize("line", ['"";"-9926";"--";""', ";-9926;--;", '"7";"-9926";"3";""'])
+def test_an_empty_cell_at_the_end_of_one_line_is_a_cell_unless_it_is_bare_and_no_value_is_lost(line: str) -> None:
+    with pytest.raises(BadInput, match="has 4 cells under 3 names"):
+        read(f"Time;Force;Ext\n{line}\n", 2)
+    assert read("Time;Force;Ext\n7;-9926;3;\n", 2)[1] == [[-9926.0]]
 
 
 @pytest.mark.parametrize(
