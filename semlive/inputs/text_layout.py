@@ -17,6 +17,7 @@ SEPARATOR_NAMES = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "blanks"
 _ONE_DIGIT = re.compile(r"[+-]?[0-9]")
 _WHOLE_WITH_EXPONENT = re.compile(r"[0-9]+[eEdD][+-]?[0-9]+$")
 _SIGN = re.compile(r"[+-]")
+_GROUPED = re.compile(r"[+-]?[0-9]{1,3}(?: [0-9]{3})+(?:\.[0-9]*)?")
 _BEGINS_WITH_DIGIT = re.compile(r"[0-9.,]")
 
 
@@ -80,9 +81,19 @@ class Layout:
             raise BadInput(f"{place}: its quotes are broken ({error}); write it as CSV.") from error
         if len(cells) != len(self.columns):
             raise miscounted(place, cells, len(self.columns), self.separator, self.head_line)
+        if self.separator == " ":
+            self._check_blanks(line, place)
         if self.separator == " " or (self.separator == "," and self.decimal != "."):
             self._check_parts(cells, place)
         return cells
+
+    def _check_blanks(self, line: str, place: str) -> None:
+        """Refuse ``"0,01";"208 347"`` and ``0,5 994`` as two columns, where the blanks may group digits between other separators."""
+        if ";" in line:
+            raise AmbiguousTable(f"{place}: has blanks and semicolons; write one separator in all lines.")
+        parts = [part.strip() for part in line.split(",")]
+        if len(parts) == len(self.columns) > 1 and any(map(_GROUPED.fullmatch, parts)):
+            raise AmbiguousTable(f"{place}: its blanks may group digits between commas; write no blanks in numbers.")
 
     def _check_parts(self, cells: Sequence[str], place: str) -> None:
         """Refuse ``-2,788e+01`` between commas and ``- 1.5`` between blanks, which are rather one number than two cells."""

@@ -209,6 +209,13 @@ def test_a_single_line_with_more_or_fewer_cells_than_names_above_it_is_refused(c
         read(f"# u v Force (kN) Strain\n{cells}\n{cells}\n{cells}\n", 1)
 
 
+def test_blanks_that_may_group_digits_are_no_separator() -> None:
+    with pytest.raises(BadInput, match="its blanks may group digits between commas"):
+        read("! Kraft, px,u, um\n0,5 994\n", "Kraft")
+    with pytest.raises(BadInput):
+        read('Tensile test 7\n"Weg";"Force";"Kraft"\n"0,01";"-148 866,28";"-17,3"\n"-0,01";"208 347,95"\n', 1, searched=5)
+
+
 @pytest.mark.parametrize("line", ['"";"-9926";"--";""', ";-9926;--;", '"7";"-9926";"3";""'])
 def test_an_empty_cell_at_the_end_of_one_line_is_a_cell_unless_it_is_bare_and_no_value_is_lost(line: str) -> None:
     with pytest.raises(BadInput, match="has 4 cells under 3 names"):
