@@ -174,8 +174,8 @@ def without_trailing(columns: tuple[Column, ...], rows: Rows, lines: Sequence[st
     """
     counts = {len(cells) for _, cells in rows}
     if counts == {len(columns) + 1} and columns[-1].raw and not any(cells[-1] for _, cells in rows):
-        is_bare = all(lines[number - 1].rstrip(" \r\n").endswith(separator) for number, _ in rows)
-        if is_bare and (len(rows) > 1 or not any(is_lost(cell) for cell in rows[0][1][:-1])):
+        is_unquoted = all(lines[number - 1].rstrip(" \r\n").endswith(separator) for number, _ in rows)
+        if is_unquoted and (len(rows) > 1 or not any(is_lost(cell) for cell in rows[0][1][:-1])):
             return (*columns, Column("", "", ""))
     unused = ("", "Comment") if separator == "\t" else ("",)  # LabVIEW writes few comments
     if counts == {len(columns) - 1} and len(columns) > 1 and columns[-1].raw in unused:

@@ -217,7 +217,7 @@ def test_blanks_that_may_group_digits_are_no_separator() -> None:
 
 
 @pytest.mark.parametrize("line", ['"";"-9926";"--";""', ";-9926;--;", '"7";"-9926";"3";""'])
-def test_an_empty_cell_at_the_end_of_one_line_is_a_cell_unless_it_is_bare_and_no_value_is_lost(line: str) -> None:
+def test_an_empty_cell_at_the_end_of_one_line_is_a_cell_unless_it_is_unquoted_and_no_value_is_lost(line: str) -> None:
     with pytest.raises(BadInput, match="has 4 cells under 3 names"):
         read(f"Time;Force;Ext\n{line}\n", 2)
     assert read("Time;Force;Ext\n7;-9926;3;\n", 2)[1] == [[-9926.0]]
