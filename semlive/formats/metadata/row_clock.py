@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import re
+import zipfile
+import zlib
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +41,7 @@ def read_row_clock(data: bytes, where: str, width_px: int, rows: int) -> RowCloc
     Raises:
         BadInput: the file is no clock of such a frame; one sentence with line and remedy.
     """
-    clock = _of_channel(data, where, width_px) if data.startswith(_NUMPY) else _of_table(data, where)
+    clock = _of_channel(data, where, (rows, width_px)) if data.startswith(_NUMPY) else _of_table(data, where)
     if len(clock.row_start_s) != rows:
         raise BadInput(f"{where}: holds {len(clock.row_start_s)} rows, and the frame has {rows}; give the start of every row.")
     return clock
@@ -71,10 +74,9 @@ def _key(column: Column) -> str:
     return full if full in (key_of(ROW_START), key_of(PIXEL_TIME)) else column.key
 
 
-def _of_channel(data: bytes, where: str, width_px: int) -> RowClock:
-    time_s = _array(data, where)
-    if time_s.ndim != 2 or time_s.shape[1] != width_px:
-        raise BadInput(f"{where}: has the shape {time_s.shape}, and the frame is {width_px} px wide; give one time for each pixel.")
+def _of_channel(data: bytes, where: str, shape: tuple[int, int]) -> RowClock:
+    width_px = shape[1]
+    time_s = _array(data, where, shape)
     if not np.isfinite(time_s).all():
         raise BadInput(f"{where}: holds times that are not finite; give one time for each pixel.")
     clock = RowClock.of_channel(time_s)
@@ -88,18 +90,32 @@ def _of_channel(data: bytes, where: str, width_px: int) -> RowClock:
     return _clock(list(clock.row_start_s), list(clock.pixel_time_s), where)
 
 
-def _array(data: bytes, where: str) -> NDArray[np.float64]:
+def _array(data: bytes, where: str, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Times in s; the file is unpacked only if its head states the shape of the frame, so a small file cannot fill the memory."""
     try:
-        loaded = np.load(io.BytesIO(data), allow_pickle=False)
-        if isinstance(loaded, np.lib.npyio.NpzFile):
-            names = [name for name in loaded.files if name in ("time_ms", "time_s")]
-            if len(loaded.files) != 1 or not names:
-                raise BadInput(f"{where}: holds {', '.join(loaded.files) or 'nothing'}; store one array, time_s or time_ms.")
-            scale = 1e-3 if names[0] == "time_ms" else 1.0
-            return scale * np.asarray(loaded[names[0]], dtype=np.float64)
-        return np.asarray(loaded, dtype=np.float64)
-    except (ValueError, OSError, EOFError, KeyError) as error:
+        if data.startswith(_NUMPY[0]):
+            return _read_array(io.BytesIO(data), where, shape)
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = archive.namelist()
+            if len(names) != 1 or names[0] not in ("time_s.npy", "time_ms.npy"):
+                raise BadInput(f"{where}: holds {', '.join(names)[:100] or 'nothing'}; store one array, time_s or time_ms.")
+            with archive.open(names[0]) as stream:
+                return (1e-3 if names[0] == "time_ms.npy" else 1.0) * _read_array(stream, where, shape)
+    except (ValueError, OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise BadInput(f"{where}: is no NumPy array ({error}); write it with numpy.save or numpy.savez.") from error
+
+
+def _read_array(stream: IO[bytes], where: str, shape: tuple[int, int]) -> NDArray[np.float64]:
+    version = np.lib.format.read_magic(stream)
+    head = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    found, is_fortran, dtype = head(stream)
+    if found != shape or dtype.kind not in "fiu":
+        raise BadInput(f"{where}: has the shape {found} of {dtype}, and the frame {shape} pixels; give one number for each pixel.")
+    size = shape[0] * shape[1] * dtype.itemsize
+    content = stream.read(size)
+    if len(content) < size:
+        raise BadInput(f"{where}: ends after {len(content)} of {size} bytes; write it with numpy.save or numpy.savez.")
+    return np.frombuffer(content, dtype).reshape(shape, order="F" if is_fortran else "C").astype(np.float64)
 
 
 def _clock(row_start_s: list[float], pixel_time_s: list[float], where: str) -> RowClock:

@@ -19,6 +19,12 @@ def _decays(amount: Array, first: tuple[float, float], second: tuple[float, floa
     return total
 
 
+def _both(amount: Array, amplitudes_x: tuple[float, float], amplitudes_y: tuple[float, float], constants: tuple[float, float]) -> Plane:
+    """(u, v) of two exponential decays with common constants."""
+    u, v = (_decays(amount, *zip(amplitudes, constants, strict=True)) for amplitudes in (amplitudes_x, amplitudes_y))
+    return u, v
+
+
 def _require_positive(**constants: float) -> None:
     for name, value in constants.items():
         if not value > 0.0:
@@ -133,12 +139,8 @@ class FrameStartSettling(Effect):
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Exponential decays from the upper edge."""
-        from_start_s = at.y_px * at.scan.row_time_s
-        u, v = (
-            _decays(from_start_s, (first, self.settling_s), (second, self.second_settling_s))
-            for first, second in ((self.amplitude_x_px, self.second_x_px), (self.amplitude_y_px, self.second_y_px))
-        )
-        return u, v
+        amplitudes = (self.amplitude_x_px, self.second_x_px), (self.amplitude_y_px, self.second_y_px)
+        return _both(at.y_px * at.scan.row_time_s, *amplitudes, (self.settling_s, self.second_settling_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,8 +182,6 @@ class FrameStartSettlingInPosition(Effect):
     def offset_px(self, at: PixelVisits) -> Plane:
         """Exponential decays from the upper edge."""
         pixel_um = at.scan.pixel_size_um
-        u, v = (
-            _decays(at.y_px * pixel_um, (first, self.length_um), (second, self.second_length_um)) / pixel_um
-            for first, second in ((self.amplitude_x_um, self.second_x_um), (self.amplitude_y_um, self.second_y_um))
-        )
-        return u, v
+        amplitudes = (self.amplitude_x_um, self.second_x_um), (self.amplitude_y_um, self.second_y_um)
+        u, v = _both(at.y_px * pixel_um, *amplitudes, (self.length_um, self.second_length_um))
+        return u / pixel_um, v / pixel_um

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import tracemalloc
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,6 +91,40 @@ def test_a_channel_that_no_row_clock_describes_is_refused() -> None:
     np.save(stream, 0.1 * row + 1e-3 * column + 0.02 * (column > 40))
     with pytest.raises(BadInput, match="deviate"):
         read_row_clock(stream.getvalue(), "clock.npy", 64, 5)
+
+
+def packed(name: str, content: bytes) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, content)
+    return stream.getvalue()
+
+
+def head_of(shape: tuple[int, int]) -> bytes:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (head_of((10**6, 10**6)), "has the shape"),
+        (packed("time_s.npy", head_of((10**6, 64)) + bytes(10**7)), "has the shape"),
+        (head_of((5, 64)), "ends after 0 of 2560 bytes"),
+        (packed("a.npy", head_of((5, 64))), "holds a.npy"),
+        (packed("time_s.npy", bytes(100)), "is no NumPy array"),
+        (packed("time_s.npy", head_of((5, 64)))[:-30], "is no NumPy array"),
+        (b"PK\x03\x04" + bytes(60), "is no NumPy array"),
+    ],
+)
+def test_a_wrong_channel_is_refused_before_it_is_unpacked(data: bytes, message: str) -> None:
+    tracemalloc.start()
+    with pytest.raises(BadInput, match=message):
+        read_row_clock(data, "clock.npz", 64, 5)
+    _, largest_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert largest_bytes < 2_000_000
 
 
 def exported(sidecar: bytes | None) -> ExportedFile:

@@ -25,6 +25,7 @@ from semlive.model.effects.effect_class import (
 from semlive.model.effects.run_geometry import Array, RunGeometry, field_column, xy_columns
 
 Decay = Callable[[RunGeometry, float], Array]
+Field = Callable[[RunGeometry, Values], BasisField]
 FLYBACK_SETTLING_S = tuple(np.geomspace(1e-4, 2e-2, 12))
 FRAME_START_SETTLING_S = tuple(np.geomspace(0.3, 30.0, 10))
 LENGTHS_PX = tuple(np.geomspace(5.0, 500.0, 11))
@@ -50,7 +51,7 @@ def _frame_in_position(scene: RunGeometry, constant: float) -> Array:
     return np.asarray(np.exp(-scene.pixel_ratio * scene.pixel_px[..., 1] / constant))
 
 
-def _row_settling(decay: Decay, name: str) -> Callable[[RunGeometry, Values], BasisField]:
+def _row_settling(decay: Decay, name: str) -> Field:
     def basis_field(scene: RunGeometry, values: Values) -> BasisField:
         """Along x, A exp(-x / L)."""
         fall = decay(scene, values[name])
@@ -59,7 +60,7 @@ def _row_settling(decay: Decay, name: str) -> Callable[[RunGeometry, Values], Ba
     return basis_field
 
 
-def _frame_settling(decay: Decay, name: str) -> Callable[[RunGeometry, Values], BasisField]:
+def _frame_settling(decay: Decay, name: str) -> Field:
     def basis_field(scene: RunGeometry, values: Values) -> BasisField:
         """(u, v) = A exp(-y / L)."""
         return BasisField(xy_columns(decay(scene, values[name])), xy_parameters("px"))
@@ -72,45 +73,54 @@ _BY_TIME = f"the calibration again with half or twice the dwell: {_OTHER_SCAN}"
 _BY_ROW_TIME = f"the calibration again with half or twice the row time: {_OTHER_SCAN}"
 _BY_PIXEL_SIZE = f"the calibration again at another magnification, and with another dwell: {_OTHER_SCAN}"
 
-FLYBACK_SETTLING = EffectClass(
+
+def _settling(
+    name: str, description: str, field: Field, parameter: NonlinearParameter, constants: tuple[float, ...], experiment: str
+) -> EffectClass:
+    return EffectClass(
+        name,
+        description,
+        field,
+        values_grid(parameter.name, constants),
+        nonlinear_parameters=(parameter,),
+        group="G4",
+        discriminating_experiment=experiment,
+        sizes_px=(0.003, 10.0),
+    )
+
+
+_LENGTH = NonlinearParameter("length_px", "px", 1.58, ratio=True)
+FLYBACK_SETTLING = _settling(
     "flyback_settling",
     "rows begin before the beam has settled",
     _row_settling(_row_in_time, "settling_s"),
-    values_grid("settling_s", FLYBACK_SETTLING_S),
-    nonlinear_parameters=(NonlinearParameter("settling_s", "s", 1.62, ratio=True),),
-    group="G4",
-    discriminating_experiment=_BY_TIME,
-    sizes_px=(0.003, 10.0),
+    NonlinearParameter("settling_s", "s", 1.62, ratio=True),
+    FLYBACK_SETTLING_S,
+    _BY_TIME,
 )
-FRAME_START_SETTLING = EffectClass(
+FRAME_START_SETTLING = _settling(
     "frame_start_settling",
     "frames begin before the beam has settled",
     _frame_settling(_frame_in_time, "settling_s"),
-    values_grid("settling_s", FRAME_START_SETTLING_S),
-    nonlinear_parameters=(NonlinearParameter("settling_s", "s", 1.67, ratio=True),),
-    group="G4",
-    discriminating_experiment=_BY_ROW_TIME,
-    sizes_px=(0.003, 10.0),
+    NonlinearParameter("settling_s", "s", 1.67, ratio=True),
+    FRAME_START_SETTLING_S,
+    _BY_ROW_TIME,
 )
-ROW_START_SETTLING_IN_POSITION = EffectClass(
+ROW_START_SETTLING_IN_POSITION = _settling(
     "row_start_settling_in_position",
     "the start of rows is displaced over a length on the specimen, whatever the dwell",
     _row_settling(_row_in_position, "length_px"),
-    values_grid("length_px", LENGTHS_PX),
-    nonlinear_parameters=(NonlinearParameter("length_px", "px", 1.58, ratio=True),),
-    group="G4",
-    discriminating_experiment=_BY_PIXEL_SIZE,
-    sizes_px=(0.003, 10.0),
+    _LENGTH,
+    LENGTHS_PX,
+    _BY_PIXEL_SIZE,
 )
-FRAME_START_SETTLING_IN_POSITION = EffectClass(
+FRAME_START_SETTLING_IN_POSITION = _settling(
     "frame_start_settling_in_position",
     "the start of frames is displaced over a length on the specimen, whatever the row time",
     _frame_settling(_frame_in_position, "length_px"),
-    values_grid("length_px", LENGTHS_PX),
-    nonlinear_parameters=(NonlinearParameter("length_px", "px", 1.58, ratio=True),),
-    group="G4",
-    discriminating_experiment=_BY_PIXEL_SIZE,
-    sizes_px=(0.003, 10.0),
+    _LENGTH,
+    LENGTHS_PX,
+    _BY_PIXEL_SIZE,
 )
 
 
