@@ -75,14 +75,15 @@ class Peer:
         self._scanning = threading.Event()
         self._enabled: dict[int, int] = {}
         self._open: list[socket.socket] = []
-        for serve in (self._serve_control, self._serve_data):
-            threading.Thread(target=serve, daemon=True).start()
+        self._accepting = [threading.Thread(target=serve, daemon=True) for serve in (self._serve_control, self._serve_data)]
+        for thread in self._accepting:
+            thread.start()
 
     def close(self) -> None:
-        for link in (self.control, self.data, *self._open):
-            with contextlib.suppress(OSError):
-                link.shutdown(socket.SHUT_RDWR)
-            link.close()
+        _close(self.control, self.data)
+        for thread in self._accepting:  # a connection accepted at this moment is among the open ones after it
+            thread.join()
+        _close(*self._open)
 
     def _serve_data(self) -> None:
         with contextlib.suppress(OSError):
@@ -209,6 +210,13 @@ class Peer:
         for name, value in m.after_scan.items():
             setattr(m, name, value)
         self._scanning.clear()
+
+
+def _close(*links: socket.socket) -> None:
+    for link in links:
+        with contextlib.suppress(OSError):
+            link.shutdown(socket.SHUT_RDWR)
+        link.close()
 
 
 def _named(name: str, body: bytes) -> bytes:
