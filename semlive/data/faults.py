@@ -67,6 +67,8 @@ class FaultKind(StrEnum):
     RUN = "run"
 
 
+RESULT_FAULTS = frozenset((FaultKind.MODEL_WARNING, FaultKind.PAIR_UNUSABLE, FaultKind.POINTS_NOT_CALIBRATED))
+"""Faults of single results: the run continues, and the results are to be checked before they are used."""
 MODEL_WARNING_ORIGIN = "estimate with pair "
 """Begin of `where` in a fault of kind MODEL_WARNING; the number of the pair follows."""
 PAIR_ORIGIN = "analysis of pair "

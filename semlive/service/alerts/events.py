@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel
 
-from semlive.data.faults import FaultKind
+from semlive.data.faults import RESULT_FAULTS
 from semlive.engine import Cause, State
 from semlive.engine.states import FINAL_STATES
 from semlive.formats.log.messages import FaultMessage, OperatorMessage, StateMessage
@@ -14,8 +14,6 @@ from semlive.inputs.printable import printable
 from semlive.ports import PromptEvent
 from semlive.service.config.sections import AlertEvent
 
-_NOT_URGENT = frozenset((FaultKind.MODEL_WARNING, FaultKind.PAIR_UNUSABLE, FaultKind.POINTS_NOT_CALIBRATED))
-"""Faults of single results: the run continues, and the page shows them."""
 _DECISIONS = {
     Cause.POOR_CALIBRATION: "the translations do not determine the distortion; the run is paused for a decision",
     Cause.WARM_UP_TIMEOUT: "the drift did not become slow enough in the maximum time of the warm-up; the run is paused for a decision",
@@ -45,7 +43,7 @@ def alert_of(payload: BaseModel, run: str) -> Alert | None:
         run: name of the run.
     """
     match payload:
-        case FaultMessage(kind=kind) if kind not in _NOT_URGENT:
+        case FaultMessage(kind=kind) if kind not in RESULT_FAULTS:
             return Alert(AlertEvent.FAULT, f"{run}: fault", printable(f"{payload.what} ({payload.where}). Reaction: {payload.action}."))
         case OperatorMessage(what=PromptEvent.PROMPT):
             return Alert(AlertEvent.QUESTION, f"{run}: question", printable(str(payload.args.get("text", ""))))

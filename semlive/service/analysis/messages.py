@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from semlive.data.faults import MODEL_WARNING_ORIGIN, PAIR_ORIGIN, FaultKind
+from semlive.data.faults import MODEL_WARNING_ORIGIN, PAIR_ORIGIN, RESULT_FAULTS, FaultKind
 from semlive.formats.log.foxglove import IMAGE_TOPICS
 from semlive.formats.log.messages import (
     DIC_MAP,
@@ -24,7 +24,6 @@ from semlive.formats.log.reader import LogMessage
 INPUT_TOPICS = frozenset({"/run", "/sem/file", SEM_SIDECAR, SEM_ORIGINAL, "/pair", "/state"})
 READY_TEXT = "analysis is ready"
 _MODEL_TEXT = "a model is fitted to the maps and taken out of them: "
-_FAULT_KINDS = (FaultKind.MODEL_WARNING, FaultKind.PAIR_UNUSABLE, FaultKind.POINTS_NOT_CALIBRATED)
 _OUTPUT_TOPICS = frozenset(
     {
         "/sem/scan",
@@ -61,7 +60,7 @@ def is_output(message: LogMessage) -> bool:
             # Control rejects frames by their number; a rejection by the analysis repeats the hash of the file.
             return decision == "refused" and bool(sha256)
         case FaultMessage(kind=kind):
-            return kind in _FAULT_KINDS
+            return kind in RESULT_FAULTS
         case _:
             return False
 

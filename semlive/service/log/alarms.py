@@ -12,7 +12,7 @@ from enum import StrEnum
 
 from pydantic import BaseModel, JsonValue
 
-from semlive.data.faults import FaultCode, FaultKind
+from semlive.data.faults import RESULT_FAULTS, FaultCode, FaultKind
 from semlive.engine import Device, State
 from semlive.engine.context import FAULT_OF_CAUSE
 from semlive.formats.log.messages import FaultMessage, LogLineMessage, OperatorMessage, StateMessage, from_json
@@ -42,9 +42,6 @@ class AlarmLevel(StrEnum):
     """The specimen or the data are in danger, or the run does not continue: a person must act."""
     ATTENTION = "attention"
     """Results of the run may be incomplete or biased, and the run continues: to be checked before they are used."""
-
-
-_CHECK_LATER = frozenset((FaultKind.MODEL_WARNING, FaultKind.PAIR_UNUSABLE, FaultKind.POINTS_NOT_CALIBRATED))
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +81,7 @@ class Alarm:
     @property
     def level(self) -> AlarmLevel:
         """Urgency, from the kind of the fault; an alarm of unknown kind is a danger."""
-        return AlarmLevel.ATTENTION if self.kind in _CHECK_LATER else AlarmLevel.DANGER
+        return AlarmLevel.ATTENTION if self.kind in RESULT_FAULTS else AlarmLevel.DANGER
 
     @property
     def disobeyed(self) -> bool:
