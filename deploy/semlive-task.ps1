@@ -21,7 +21,8 @@ $ErrorActionPreference = "Stop"
 
 if ($Install) {
     if (-not (Test-Path -LiteralPath $Semlive)) { throw "$Semlive is not there; make it: py -m venv C:\ProgramData\semlive\venv, then pip install semlive in it" }
-    if (-not (Test-Path -LiteralPath $Config)) { throw "-Config names the configuration; write one: semlive init $Config" }
+    if (-not $Config -or -not (Test-Path -LiteralPath $Config)) { throw "-Config names the configuration; write one: semlive init FILE" }
+    $Config = (Resolve-Path -LiteralPath $Config).ProviderPath
     & $Semlive doctor $Config
     if ($LASTEXITCODE -ne 0) { throw "semlive doctor found something that is bad; mend it first" }
     New-Item -ItemType Directory -Force -Path $Cache | Out-Null

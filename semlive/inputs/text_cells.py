@@ -18,7 +18,8 @@ LONGEST_LINE = 100_000
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _DECLARED = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
-_TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
+TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
+"""A cell of a line that is split at blanks."""
 _BRACKET = re.compile(r"(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _SLASH = re.compile(r"(.+?)\s+/\s+(\S+)")
 _FINAL_UNIT = re.compile(
@@ -45,7 +46,7 @@ _DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _DECORATION = re.compile(r"[\W_]*")
 _BEGINS_WITH_DIGIT = re.compile(r"\W*[0-9]")
-_NUMERIC = re.compile(r"[-+0-9.,eEdD\s]*[0-9][-+0-9.,eEdD\s]*")
+_NUMERIC = re.compile(r"[-+0-9.,'\u2019eEdD\s]*[0-9][-+0-9.,'\u2019eEdD\s]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +144,7 @@ def split(line: str, separator: str) -> list[str]:
         ValueError: the quotes are broken.
     """
     if separator == " ":
-        return [cell[1:-1].replace('""', '"').strip() if cell.startswith('"') and len(cell) > 1 else cell for cell in _TOKEN.findall(line)]
+        return [cell[1:-1].replace('""', '"').strip() if cell.startswith('"') and len(cell) > 1 else cell for cell in TOKEN.findall(line)]
     if '"' not in line or len(separator) > 1:
         return [cell.strip() for cell in line.split(separator)]
     try:

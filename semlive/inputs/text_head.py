@@ -114,7 +114,7 @@ def _names_in(text: str, separator: str, cells: int, below: str) -> tuple[list[s
         if separator == " " and own_separator(text) != " ":
             own = own_separator(text)
             names = _before_units(text) if own == "," else []
-            names = names if len(names) == cells or own in below else split(text, own)  # "# x,y" above "1 2"
+            names = names or ([] if own in below else split(text, own))  # "# x,y" above "1 2"
             return names, len(names) == cells and (cells > 1 or own != ";")
         names = split(text, separator)
     except ValueError:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from semlive.errors import BadInput
-from semlive.inputs.text_cells import LONGEST_LINE, Column, is_line_of_numbers, split
+from semlive.inputs.text_cells import LONGEST_LINE, TOKEN, Column, is_line_of_numbers, split
 from semlive.inputs.text_head import own_separator
 from semlive.inputs.text_number import Sign, is_lost, is_whole, sign_of
 
@@ -19,6 +19,7 @@ _WHOLE_WITH_EXPONENT = re.compile(r"[0-9]+[eEdD][+-]?[0-9]+$")
 _SIGN = re.compile(r"[+-]")
 _GROUPED = re.compile(r"[+-]?[0-9]{1,3}(?: [0-9]{3})+(?:\.[0-9]*)?")
 _BEGINS_WITH_DIGIT = re.compile(r"[0-9.,]")
+_ONE_BLANK_IN_DIGITS = re.compile(r"(?:^|(?<=\s))([+-]?[1-9][0-9]{0,2})\s([0-9]{3}(?![0-9])\S*)")
 
 
 class AmbiguousTable(BadInput):
@@ -52,6 +53,7 @@ class Layout:
         number_places: places of the columns of numbers that the caller requires.
         head_line: number of the line of names, from 1; 0 if there is none.
         first_line: number of the first line that may hold numbers, from 1.
+        spans: first and last place of each cell in a line of numbers whose cells are at least two blanks apart; empty without one.
     """
 
     where: str
@@ -61,6 +63,7 @@ class Layout:
     number_places: tuple[int, ...]
     head_line: int
     first_line: int
+    spans: tuple[tuple[int, int], ...] = ()
 
     def cells(self, line: str, number: int | None = None) -> list[str]:
         """Split a line into cells.
@@ -94,6 +97,10 @@ class Layout:
         parts = [part.strip() for part in line.split(",")]
         if len(parts) == len(self.columns) > 1 and any(map(_GROUPED.fullmatch, parts)):
             raise AmbiguousTable(f"{place}: its blanks may group digits between commas; write no blanks in numbers.")
+        grouped = _ONE_BLANK_IN_DIGITS.search(line) if self.spans else None
+        if grouped is not None and not _is_aligned(spans_of(line), self.spans):
+            both = f"{grouped[1]!r} and {grouped[2]!r}, or '{grouped[1]} {grouped[2]}'"
+            raise AmbiguousTable(f"{place}: may mean {both}; other cells are more blanks apart; write no blanks in numbers.")
 
     def _check_parts(self, cells: Sequence[str], place: str) -> None:
         """Refuse ``-2,788e+01`` between commas and ``- 1.5`` between blanks, which are rather one number than two cells."""
@@ -110,6 +117,24 @@ class Layout:
         signs = {sign_of(cells[place]) for place in self.number_places}
         shown = [sign for sign, kind in ((".", Sign.POINT), (",", Sign.COMMA)) if kind in signs]
         return replace(self, decimal=shown[0]) if len(shown) == 1 else self
+
+
+def spans_of(line: str) -> tuple[tuple[int, int], ...]:
+    """Return the first and the last place of each cell of a line that is split at blanks."""
+    return tuple((match.start(), match.end()) for match in TOKEN.finditer(line))
+
+
+def wide_spans(lines: Iterable[str]) -> tuple[tuple[int, int], ...]:
+    """Return the places of the cells in the first line whose cells are at least two blanks apart; empty if there is none."""
+    for spans in map(spans_of, lines):
+        if len(spans) > 1 and all(after[0] - before[1] > 1 for before, after in itertools.pairwise(spans)):
+            return spans
+    return ()
+
+
+def _is_aligned(spans: Sequence[tuple[int, int]], others: Sequence[tuple[int, int]]) -> bool:
+    """Whether the cells of two lines begin or end at the same places, as a program with columns of fixed width writes them."""
+    return any([span[side] for span in spans] == [span[side] for span in others] for side in (0, 1))
 
 
 def two_separators(names: str, numbers: str) -> str:

@@ -52,7 +52,7 @@ from semlive.inputs.text_head import (
     with_units,
     without_trailing,
 )
-from semlive.inputs.text_layout import SEPARATOR_NAMES, AmbiguousTable, Convention, Layout, two_separators
+from semlive.inputs.text_layout import SEPARATOR_NAMES, AmbiguousTable, Convention, Layout, two_separators, wide_spans
 from semlive.inputs.text_number import Sign, is_whole, number_in, sign_of
 
 __all__ = [
@@ -107,15 +107,16 @@ def layout_of(lines: Sequence[str], where: str, select: ColumnSelector, given: C
         BadInput: no layout fits the head, or several fit and differ in a value.
     """
     convention = _with_declared_separator(lines, given or Convention())
+    by_name = _needs_names(select)
     refused: list[tuple[int, BadInput]] = []
     in_numbers = False
     for start in possible_starts(lines, searched):
-        if in_numbers and not _needs_names(select):
+        if in_numbers and not by_name:
             break  # the first line of numbers did not fit, so no later line can be the first
         readings, here = list[_Reading](), list[tuple[int, BadInput]]()
         for separator in (convention.separator,) if convention.separator else SEPARATORS:
             try:
-                readings += _readings(lines, start, separator, select, where, convention)
+                readings += _readings(lines, start, separator, select, by_name, where, convention)
             except Misfit as misfit:
                 here.append((misfit.weight, misfit.error))
         doubt = [error for weight, error in here if weight >= DEFINITE]
@@ -157,7 +158,7 @@ def _with_declared_separator(lines: Sequence[str], given: Convention) -> Convent
 
 
 def _readings(
-    lines: Sequence[str], start: int, separator: str, select: ColumnSelector, where: str, given: Convention
+    lines: Sequence[str], start: int, separator: str, select: ColumnSelector, by_name: bool, where: str, given: Convention
 ) -> Iterator[_Reading]:
     """Yield the table under one separator, with the head beginning at a line; nothing if the separator does not occur.
 
@@ -182,11 +183,11 @@ def _readings(
     elif start and any(is_whole(cell) or sign_of(cell) is not Sign.NONE for cell in head):
         # Below a first line that did not fit, a line that contains a number is not a line of names.
         raise Misfit(0, BadInput(f"{at}: is no line of names; write one above the numbers."))
-    elif is_no_line_of_names(head, lines[start], separator) or (not _needs_names(select) and _selects_number(select, head)):
+    elif is_no_line_of_names(head, lines[start], separator) or (not by_name and _selects_number(select, head)):
         raise Misfit(0, BadInput(f"{at}: is no line of names, because it contains numbers or lost values; write one above the numbers."))
     named_from = data_from
     columns, data_from = with_units(columns_of(names or [""] * len(head), separator), lines, data_from, separator)
-    if separator == "," and data_from > named_from and not all(is_unit(column.unit) for column in columns) and not _needs_names(select):
+    if separator == "," and data_from > named_from and not all(is_unit(column.unit) for column in columns) and not by_name:
         message = f"{where}: line {data_from}: may hold units or names; name the columns, or specify the separator."
         raise Misfit(DEFINITE, AmbiguousTable(message))
     rows = number_rows(lines, data_from, separator)
@@ -197,18 +198,19 @@ def _readings(
         if not head_line and (other := separator_above(lines, start, len(head))) not in ("", separator):
             raise Misfit(DEFINITE - 1, BadInput(f"{at}: {two_separators(other, separator)}")) from error
         raise Misfit(len(columns), BadInput(f"{where}: {str(error).replace('{head}', f'line {head_line or start + 1}')}")) from error
-    layout = Layout(where, separator, given.decimal, columns, places, head_line, data_from + 1)
+    spans = wide_spans(lines[number - 1] for number, _ in rows) if separator == " " else ()
+    layout = Layout(where, separator, given.decimal, columns, places, head_line, data_from + 1, spans)
     check_counts(layout, rows)
     # A line of units above so few lines may be that of longer names, and the lines incomplete.
     only_units = len(rows) < LINES_BELOW_A_TITLE and all(is_no_name(column.raw) for column in columns)
     if (not head_line or only_units) and given.separator != " ":
         check_above(lines, start, layout, rows, given.separator)
-    if not _needs_names(select):
+    if not by_name:
         check_description(layout, rows)
     if not given.separator:
         check_bars(layout, rows)
     if not given.decimal:
-        check_pairs(layout, rows, _needs_names(select), any('"' in lines[number - 1] for number, _ in rows))
+        check_pairs(layout, rows, by_name, any('"' in lines[number - 1] for number, _ in rows))
         check_groups(layout, rows)
     layout = replace(layout, decimal=given.decimal or decimal_sign(layout, rows, given.no_thousands))
     yield _Reading(layout, tuple(tuple(_value(cells[place], layout.decimal) for place in places) for _, cells in rows))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from functools import lru_cache
 
 Row = tuple[float | None, ...]
 Reading = tuple[tuple[int, Row], ...]
@@ -57,6 +58,7 @@ def cells_of(line: str, separator: str) -> list[str] | None:
     return cells
 
 
+@lru_cache(4096)  # every cell is tried in many readings
 def value_of(cell: str, decimal: str, thousands: str) -> tuple[bool, float | None]:
     """Return whether a cell is a value under a convention, and the value; None for a lost one."""
     if cell.lower() in LOST:

@@ -24,20 +24,17 @@ from __future__ import annotations
 import contextlib
 import importlib
 import re
-from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 from pydantic import Field
 
-from semlive.data.checks import Finding
 from semlive.data.scan_report import ScanReading
 from semlive.errors import LinkError, LinkRefused
 from semlive.ports import ClockSource
+from semlive_drivers.microscope.driver import MicroscopeDriver
 from semlive_drivers.microscope.frame_files import PendingFrame
-from semlive_drivers.microscope.trigger import MicroscopeSettings, MicroscopeTrigger, findings, opened
-from semlive_drivers.settings import checked
+from semlive_drivers.microscope.trigger import MicroscopeSettings, MicroscopeTrigger
 
-_DRIVER = "autoscript trigger"
 _CLIENT = "autoscript_sdb_microscope_client"
 _ELECTRON_BEAM = 1
 _FULL_FRAME = 1
@@ -145,25 +142,9 @@ class AutoScriptSession:
             self._microscope.disconnect()
 
 
-def open_trigger(settings: Mapping[str, object], clock: ClockSource) -> MicroscopeTrigger:
-    """Check that the microscope answers and could scan now.
-
-    Raises:
-        BadConfig: for settings that are not valid.
-        LinkRefused: the client is not installed, the server does not answer, or the beam is off.
-    """
-    return opened(_trigger(checked(AutoScriptSettings, settings, _DRIVER), clock))
-
-
-def check_device(settings: Mapping[str, object], clock: ClockSource) -> Sequence[Finding]:
-    """What the microscope reports; changes nothing.
-
-    Raises:
-        BadConfig: for settings that are not valid.
-    """
-    config = checked(AutoScriptSettings, settings, _DRIVER)
-    return findings(lambda: _trigger(config, clock), config)
-
-
 def _trigger(config: AutoScriptSettings, clock: ClockSource) -> MicroscopeTrigger:
     return MicroscopeTrigger(lambda: AutoScriptSession(config, clock), config, f"AutoScript at {config.host}")
+
+
+_DRIVER = MicroscopeDriver("autoscript trigger", AutoScriptSettings, _trigger)
+open_trigger, check_device = _DRIVER.open_trigger, _DRIVER.check_device

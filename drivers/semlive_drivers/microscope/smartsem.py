@@ -24,20 +24,17 @@ import importlib
 import re
 import sys
 import time
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydantic import Field
 
-from semlive.data.checks import Finding
 from semlive.data.scan_report import ScanReading
 from semlive.errors import LinkError, LinkRefused
 from semlive.ports import ClockSource
+from semlive_drivers.microscope.driver import MicroscopeDriver
 from semlive_drivers.microscope.frame_files import PendingFrame
-from semlive_drivers.microscope.trigger import MicroscopeSettings, MicroscopeTrigger, findings, opened
-from semlive_drivers.settings import checked
+from semlive_drivers.microscope.trigger import MicroscopeSettings, MicroscopeTrigger
 
-_DRIVER = "smartsem trigger"
 _PROG_ID = "CZ.EMApiCtrl.1"
 _POLL_S = 0.1
 _START_S = 0.3
@@ -180,28 +177,12 @@ class SmartSemSession:
         return value_s
 
 
-def open_trigger(settings: Mapping[str, object], clock: ClockSource) -> MicroscopeTrigger:
-    """Check that SmartSEM answers and could scan now.
-
-    Raises:
-        BadConfig: for settings that are not valid.
-        LinkRefused: this computer does not run Windows, or SmartSEM does not answer.
-    """
-    return opened(_trigger(checked(SmartSemSettings, settings, _DRIVER), clock))
-
-
-def check_device(settings: Mapping[str, object], clock: ClockSource) -> Sequence[Finding]:
-    """What the microscope reports; changes nothing.
-
-    Raises:
-        BadConfig: for settings that are not valid.
-    """
-    config = checked(SmartSemSettings, settings, _DRIVER)
-    return findings(lambda: _trigger(config, clock), config)
-
-
 def _trigger(config: SmartSemSettings, clock: ClockSource) -> MicroscopeTrigger:
     return MicroscopeTrigger(lambda: SmartSemSession(config, clock), config, "SmartSEM")
+
+
+_DRIVER = MicroscopeDriver("smartsem trigger", SmartSemSettings, _trigger)
+open_trigger, check_device = _DRIVER.open_trigger, _DRIVER.check_device
 
 
 def _windows_modules() -> tuple[Any, Any]:

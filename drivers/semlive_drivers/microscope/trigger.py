@@ -12,18 +12,16 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Protocol, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from semlive.data.checks import Finding, Verdict
 from semlive.data.scan_report import ScanReading, ScanReport, reading_difference
-from semlive.errors import LinkError, LinkRefused, SemliveError
-from semlive_drivers.microscope.frame_files import PendingFrame, require_folder
+from semlive.errors import LinkError, SemliveError
+from semlive_drivers.microscope.frame_files import PendingFrame
 
-UNTRIED = "this trigger is written from public documentation and not yet tried at a microscope: compare the values with its screen"
 _CHECK_TIMEOUT_S = 8.0
 """Longest time for opening a session and reading its settings once, at the start of a run and in checks."""
 T = TypeVar("T")
@@ -169,46 +167,3 @@ class MicroscopeTrigger:
                 raise error
             raise LinkError(f"{self._where}: {type(error).__name__}: {' '.join(str(error).split())[:200]}") from error
         return results[0]
-
-
-def opened(trigger: MicroscopeTrigger) -> MicroscopeTrigger:
-    """Return a trigger whose microscope answers and can write frames.
-
-    Raises:
-        LinkRefused: it does not answer, cannot scan, or the folder is missing.
-    """
-    try:
-        trigger.report()
-    except LinkRefused:
-        trigger.close()
-        raise
-    except LinkError as error:
-        trigger.close()
-        raise LinkRefused(str(error)) from error
-    return trigger
-
-
-def findings(open_trigger: Callable[[], MicroscopeTrigger], settings: MicroscopeSettings) -> Sequence[Finding]:
-    """What a microscope reports, for `semlive doctor` and `semlive plan`; changes nothing.
-
-    Args:
-        open_trigger: makes the trigger without a connection; raises LinkRefused if another process uses the device.
-        settings: its settings.
-    """
-    try:
-        require_folder(settings.folder)
-        trigger = open_trigger()
-    except LinkError as error:
-        return (Finding("sem.trigger", str(error), Verdict.FAILED, "correct sem.trigger.settings, or stop the other run"),)
-    try:
-        name, reading = trigger.report()
-    except LinkError as error:
-        return (Finding("sem.trigger", str(error), Verdict.FAILED, "start the remote interface, check address and beam"),)
-    finally:
-        trigger.close()
-    found = [Finding("sem.trigger", f"{name} reports {reading.text()}", Verdict.UNKNOWN, UNTRIED)]
-    if reading.shortest_frame_s >= settings.frame_timeout_s:
-        observation = f"a frame takes at least {reading.shortest_frame_s:.0f} s, frame_timeout_s is {settings.frame_timeout_s:g} s"
-        advice = "set sem.trigger.settings.frame_timeout_s to twice the frame time"
-        found.append(Finding("sem.trigger", observation, Verdict.FAILED, advice))
-    return tuple(found)

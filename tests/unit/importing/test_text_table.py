@@ -173,6 +173,13 @@ def test_a_blank_that_groups_digits_is_no_separator() -> None:
         ("Kraft  u  Remark  Weg\nkN  N    s\n4383  2,215e+03  12:03:44\n", 2, "3 cells under 4"),
         # Three numbers with commas between thousands are as many cells as six names.
         ("Load cell,Strain,Ext,Time,v,u\n34,538.58,3,025.80,2,016.53\n", "u", "34 and 538.58 may be one number"),
+        # A single blank groups digits in an incomplete line of a table whose cells are two blanks apart.
+        ("Time (s)  Force (N)\n-851.469  0.004\n5 269.966\n510.42  -0.08\n", "Time", "line 3: may mean '5' and '269.966', or '5 269.966'"),
+        ("a  b  c\n0.5  1.5  2\n0.5  -1 234.5\n", "a", "line 3: may mean '-1' and '234.5'"),
+        # The commas of a comment precede units: six names above seven cells.
+        ("! Strain, px Force, MPa Kraft, N Time, mm u, um v, s\n0.5 493 -12863 1 24 96 0.5\n", 2, "has 7 cells under 6 names"),
+        # An apostrophe between thousands makes no name of a number.
+        ('Rate: 0,5 mm/min\n"Kraft";"Force"\n"42\'581";"1\'752";"42\'581"\n"7\'929";"2,395e+01";"7\'929"\n', 2, "has 3 cells"),
         # Two commas in a number between blanks are separators.
         ("14,49904,820,67544,4 061,01168\n24,56847,341,347,3 716,0144\n", 2, "may mean"),
         ("4,4 061\n-3,2 116\n", 2, "may mean '4' and '4 061', or '4,4 061'"),
@@ -257,3 +264,14 @@ def test_a_description_without_a_table_below_it_contains_no_numbers() -> None:
         read(description, 2, searched=200)
     assert read("OK;7\nOK;2\nOK;3\n", 2)[1] == [[7.0], [2.0], [3.0]]
     assert read("Remark;Force\nOK;7\n", "Force")[1] == [[7.0]]
+
+
+@pytest.mark.parametrize(
+    "rows", ["1  99.12\n2 105.12", "  1  99.12\n 12 105.12", "1    99.12\n105  105.12\n7   100.12", "1  99.12\n2 -105.12"]
+)
+def test_a_single_blank_between_columns_of_fixed_width_is_a_separator(rows: str) -> None:
+    assert [abs(row[0]) for row in read(f"n Force\n{rows}\n", "Force")[1]][:2] == [99.12, 105.12]
+
+
+def test_the_same_single_blank_between_all_cells_is_a_separator() -> None:
+    assert read("n Force\n0.5 99.12\n5 269.966\n", "Force")[1] == [[99.12], [269.966]]

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from pydantic import Field
 
-from semlive.data.checks import Finding
 from semlive.ports import ClockSource
 from semlive_drivers.endpoint_lock import reserve_tcp
+from semlive_drivers.microscope.driver import MicroscopeDriver
 from semlive_drivers.microscope.sharksem.connection import Connection
 from semlive_drivers.microscope.sharksem.session import ScanRequest, SharkSemSession
-from semlive_drivers.microscope.trigger import MicroscopeSettings, MicroscopeTrigger, findings, opened
-from semlive_drivers.settings import checked
-
-_DRIVER = "sharksem trigger"
+from semlive_drivers.microscope.trigger import MicroscopeSettings, MicroscopeTrigger
 
 
 class SharkSemSettings(MicroscopeSettings):
@@ -41,26 +37,6 @@ class SharkSemSettings(MicroscopeSettings):
     """Longest time for the answer to a command, and without image data during a scan, s."""
 
 
-def open_trigger(settings: Mapping[str, object], clock: ClockSource) -> MicroscopeTrigger:
-    """Check that the microscope answers and could scan now.
-
-    Raises:
-        BadConfig: for settings that are not valid.
-        LinkRefused: it does not answer, its beam is off, or another process uses it.
-    """
-    return opened(_trigger(checked(SharkSemSettings, settings, _DRIVER), clock))
-
-
-def check_device(settings: Mapping[str, object], clock: ClockSource) -> Sequence[Finding]:
-    """What the microscope reports; changes nothing.
-
-    Raises:
-        BadConfig: for settings that are not valid.
-    """
-    config = checked(SharkSemSettings, settings, _DRIVER)
-    return findings(lambda: _trigger(config, clock), config)
-
-
 def _trigger(config: SharkSemSettings, clock: ClockSource) -> MicroscopeTrigger:
     endpoint = reserve_tcp(config.host, config.port)
     scan_request = ScanRequest(config.width_px, config.height_px, config.channel, config.bits, config.dwell_time_us, config.resume_live)
@@ -75,3 +51,7 @@ def _trigger(config: SharkSemSettings, clock: ClockSource) -> MicroscopeTrigger:
             raise
 
     return MicroscopeTrigger(session, config, f"SharkSEM at {config.host}:{config.port}", endpoint.release)
+
+
+_DRIVER = MicroscopeDriver("sharksem trigger", SharkSemSettings, _trigger)
+open_trigger, check_device = _DRIVER.open_trigger, _DRIVER.check_device
