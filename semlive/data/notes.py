@@ -32,6 +32,7 @@ class NoteCode(StrEnum):
     STRAIN_GAGE = "strain_gage"
     GLOBAL_CORRELATION = "global_correlation"
     ELASTIC_CONSTANTS = "elastic_constants"
+    TERM_RIVAL = "term_rival"
 
 
 _PREFIX = {NoteLevel.INFORMATION: "", NoteLevel.WARNING: "WARNING: "}

@@ -7,6 +7,10 @@ from typing import Literal
 
 from semlive.data.diagnosis.effects import EMPTY_MODEL, EffectModel
 
+RowClockUse = Literal["if_present", "awaited", "required"]
+"""Text file with the row starts of an instrument's own clock: used if it came before its image; awaited, and the image used without it; or
+awaited, and the image rejected without it."""
+
 
 @dataclass(frozen=True, slots=True)
 class DicSettings:

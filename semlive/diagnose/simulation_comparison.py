@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.noise_scale import modes, noise_scaled_baseline
 from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.residual_channels import ChannelResidual, compared_channels
 from semlive.errors import BadInput
 
 Array = NDArray[np.float64]
@@ -59,17 +60,38 @@ class Comparison:
         sizes: sizes of effects that are random in every frame or step; a simulation reproduces their size but not their time course.
         frames: number of compared frames.
         blocks: number of point blocks in each.
+        channels: the misfit by channel, in units of the noise.
     """
 
     maps: MisfitReduction
     sizes: SmoothPowerRatio
     frames: int
     blocks: int
+    channels: tuple[ChannelResidual, ...]
 
     @property
     def confirmed(self) -> bool:
         """Whether the simulation with the effects is closer to the measurement, or random effects have the same size."""
         return self.maps.is_reduced or self.sizes.agrees
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """Result of the confirmation of a diagnosis.
+
+    Attributes:
+        pairs: number of pairs of the measured run, and of each simulated one.
+        channels: the gap by channel: measured minus simulated maps, or the residual of the measured maps if nothing was simulated.
+        added: names of the effects that were added; empty if nothing was simulated.
+        comparison: comparison with both simulations; None if nothing was simulated.
+        reason: why nothing was added, a clause; empty otherwise.
+    """
+
+    pairs: int
+    channels: tuple[ChannelResidual, ...]
+    added: tuple[str, ...] = ()
+    comparison: Comparison | None = None
+    reason: str = ""
 
 
 def compare_with_simulations(measured: Observation, without: Observation, with_effects: Observation) -> Comparison:
@@ -92,12 +114,15 @@ def compare_with_simulations(measured: Observation, without: Observation, with_e
     blocks = reduce(np.intersect1d, [run.valid_blocks for run in runs])
     baselines = [noise_scaled_baseline(run) for run in runs]
     residual = [_residual_px(baseline)[:, np.isin(baseline.design.observation.valid_blocks, blocks)] for baseline in baselines]
-    noise_ratio = (baselines[0].design.whiten.sigma_px / baselines[1].design.whiten.sigma_px) ** 2
+    noise_px = [baseline.design.whiten.sigma_px for baseline in baselines[:2]]
+    noise_ratio = (noise_px[0] / noise_px[1]) ** 2
     gaps = (residual[0] - residual[1], residual[0] - residual[2])
     maps = _maps(np.stack([*(_squares(gap) for gap in gaps), (1.0 + noise_ratio) * _squares(residual[1])]))
-    shapes = np.linalg.qr(modes(measured.geometry)[:, np.isin(measured.valid_blocks, blocks)].mean(axis=0))[0]
+    common = np.isin(measured.valid_blocks, blocks)
+    shapes = np.linalg.qr(modes(measured.geometry)[:, common].mean(axis=0))[0]
     smooth = [_squares(np.einsum("bk,ck,fcd->fbd", shapes, shapes, value, optimize=True)) for value in residual]
-    return Comparison(maps, _sizes(smooth, noise_ratio), len(residual[0]), len(blocks))
+    channels = compared_channels(measured.geometry, common, residual, noise_px)
+    return Comparison(maps, _sizes(smooth, noise_ratio), len(residual[0]), len(blocks), channels)
 
 
 def _residual_px(run: HyperparameterGrid) -> Array:

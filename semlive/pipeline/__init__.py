@@ -18,7 +18,7 @@ from semlive.data.settings import AnalysisSettings
 from semlive.estimate.joint.elimination.smoother import LIVE_WINDOW_PAIRS
 from semlive.estimate.joint.solution.solver import selection_due
 from semlive.pipeline.accumulation import accumulate, apply_effect_model, solve, solve_incremental, solve_live, start, start_from_maps
-from semlive.pipeline.conclusion import calibration_refusal, estimate_revision, finalise, residual_warning
+from semlive.pipeline.conclusion import calibration_refusal, estimate_revision, finalise, residual_warning, term_rival
 from semlive.pipeline.correction import correct_changed, correct_frame, correct_frames
 from semlive.pipeline.correlation import complete_maps, correlate, correlation_notes, frame_mask, maps_from_reference, precorrelate
 from semlive.pipeline.elastic import refit_elastic
@@ -36,7 +36,7 @@ __all__ += [
     "review_hyperparameters",
     "solve",
 ]
-__all__ += ["start", "start_from_maps"]
+__all__ += ["start", "start_from_maps", "term_rival"]
 
 MAX_REVISIONS_PER_PAIR = 2  # earlier frames that are corrected again with a pair
 MAX_REVISIONS_PER_REVIEW = 64  # earlier frames that are corrected again with a selection of hyperparameters

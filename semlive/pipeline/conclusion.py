@@ -16,6 +16,7 @@ from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import StrainSummary
 from semlive.diagnose.maps.adequacy import adequacy_after
+from semlive.diagnose.maps.term_rivals import TermRival, rival_after, rival_notes
 from semlive.estimate import Solution
 from semlive.estimate.joint.outputs.stage_path import stage_path_notes
 from semlive.estimate.method import MethodSolution
@@ -52,6 +53,11 @@ def residual_warning(state: AnalysisState) -> tuple[Note, ...]:
     return () if test is None else test.notes()
 
 
+def term_rival(state: AnalysisState) -> TermRival | None:
+    """The effect that explains the maps better than the raster terms of the newest solution of the joint method; None without one."""
+    return rival_after(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
+
+
 def finalise(
     state: AnalysisState,
     each: Callable[[FrameResult], None] | None = None,
@@ -77,7 +83,9 @@ def finalise(
     newest = estimate_revision(state, solution, checked=True)
     (elastic, gage), reason = fit_elastic_with_reason(state, solution, {summary.frame: summary for summary in summaries})
     missing = (warning(NoteCode.ELASTIC_CONSTANTS, f"no elastic constants: {reason}"),) if reason else ()
-    notes = (*newest.notes, *residual_warning(replace(state, solution=solution)), *mechanics.gage_notes(gage), *missing)
+    solved = replace(state, solution=solution)
+    tests = (*residual_warning(solved), *rival_notes(term_rival(solved)))
+    notes = (*newest.notes, *tests, *mechanics.gage_notes(gage), *missing)
     messages = tuple(note.message for note in notes)
     return RunResult(tuple(state.pairs), newest, tuple(frames), elastic, messages, gage, tuple(summaries))
 

@@ -81,6 +81,12 @@ def bars(rows: Sequence[tuple[str, float, str]], label: str, mark: float | None 
     return figure
 
 
+def misfit_bars(before_px: float, after_px: float, floor_px: float) -> Figure:
+    """Root mean square residuals without the effects, with them, and by noise alone, px."""
+    sizes = (("without the effects", before_px), ("with the effects", after_px), ("noise alone", floor_px))
+    return bars([(label, size, f"{size:.4f} px") for label, size in sizes], "root mean square residual (px)")
+
+
 def effect_profile(profile: EffectProfile) -> Figure:
     """Amplitude of an effect in each frame, measured and by the model."""
     figure, axes = framed(PAGE_INCH, 2.3)

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from matplotlib.figure import Figure
-
 from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect, Outcome
 from semlive.data.diagnosis.verdict import SETTLING_LAWS, UNDERRESOLVED, Diagnosis, DiagnosisFigureData, settling_text
 from semlive.data.frame import FrameInfo
 from semlive.diagnose.experiments.proposals import choose_proposal
-from semlive.diagnose.simulation_comparison import Comparison
+from semlive.diagnose.simulation_comparison import Proof
 from semlive.model.effects.load_cell import LOAD_CELL_EFFECTS
 from semlive.model.effects.stage import non_map_effect
-from semlive.report.diagnosis_figures import bars, effect_profile, intensity_history, residual_maps, residual_quantiles, row_spectrum
+from semlive.report.diagnosis_figures import (
+    bars,
+    effect_profile,
+    intensity_history,
+    misfit_bars,
+    residual_maps,
+    residual_quantiles,
+    row_spectrum,
+)
 from semlive.report.document.blocks import Block, Bullets, Document, FigureBlock, Paragraph, Section, Table
 from semlive.report.maps import ImageScale
+from semlive.report.proof_section import proof_section
 from semlive.report.sections.instrument import instrument_rows, microscope_text
 from semlive.report.sections.wording import with_sigma
 from semlive.report.style import publication_style
@@ -37,7 +44,7 @@ def diagnosis_report(
     diagnosis: Diagnosis,
     provenance: Sequence[tuple[str, str]] = (),
     first: FrameInfo | None = None,
-    comparison: Comparison | None = None,
+    proof: Proof | None = None,
 ) -> Document:
     """The report of a diagnosis.
 
@@ -46,7 +53,7 @@ def diagnosis_report(
         diagnosis: verdict of the diagnosis.
         provenance: origin of the report, as pairs of label and value.
         first: metadata of frame 0 for instrument and pixel size; None omits the instrument, and lengths are in px.
-        comparison: comparison with simulations without and with the effects; None: not simulated.
+        proof: confirmation by simulation; None: not requested.
     """
     size_m = 0.0 if first is None else first.pixel_size_m.value
     scale = ImageScale(1e6 * size_m if size_m > 0 else None)
@@ -60,8 +67,8 @@ def diagnosis_report(
         parts += [_effect(effect, diagnosis) for effect in diagnosis.effects]
         if diagnosis.gap is not None:
             parts.append(Section("Misfit on held-out pairs", _gap(diagnosis.gap, "misfit")))
-        if comparison is not None:
-            parts.append(comparison_section(comparison))
+        if proof is not None:
+            parts.append(proof_section(proof))
         if diagnosis.figure_data is not None:
             parts += _with_figures(diagnosis, diagnosis.figure_data, scale)
         parts += [_tests(diagnosis), Section("Row shifts", _rows(diagnosis)), Section("Grey levels", _grey(diagnosis))]
@@ -129,38 +136,9 @@ def _attenuation(effect: IdentifiedEffect) -> str:
     return f"{text}: strain is not corrected for it." if effect.strain else f"{text}."
 
 
-def comparison_section(comparison: Comparison) -> Section:
-    """Misfit between measured and simulated maps without and with the effects, and of noise alone.
-
-    Args:
-        comparison: of the measured run with two simulations.
-    """
-    maps, sizes = comparison.maps, comparison.sizes
-    low, high = maps.interval
-    caption = (
-        "The run was simulated twice, without and with the identified effects, by an implementation that shares no code with "
-        "the diagnosis. "
-        f"Root mean square of measured minus simulated maps, {comparison.frames} frames of {comparison.blocks} blocks: the effects close "
-        f"{100 * maps.closure:.0f} % of the misfit, 95 % interval {100 * low:.0f} to {100 * high:.0f} %."
-    )
-    text = "Confirmed." if comparison.confirmed else "Not confirmed."
-    if sizes.measured_px > 0.0:
-        text += (
-            f" Smooth residual above noise: {sizes.measured_px:.4f} px measured, {sizes.simulated_px:.4f} px simulated with the effects."
-        )
-    figure = _misfit_bars(maps.before_px, maps.after_px, maps.floor_px)
-    block = FigureBlock("misfit-simulated", "Misfit between measurement and simulation", caption, figure)
-    return Section("Confirmation by simulation", (Paragraph(text), block))
-
-
-def _misfit_bars(before_px: float, after_px: float, floor_px: float) -> Figure:
-    sizes = (("without the effects", before_px), ("with the effects", after_px), ("noise alone", floor_px))
-    return bars([(label, size, f"{size:.4f} px") for label, size in sizes], "root mean square residual (px)")
-
-
 def _gap(gap: HeldOutMisfit, key: str) -> tuple[Block, ...]:
     low, high = gap.closure_interval
-    figure = _misfit_bars(gap.before_px, gap.after_px, gap.floor_px)
+    figure = misfit_bars(gap.before_px, gap.after_px, gap.floor_px)
     caption = (
         "Root mean square residual of pairs that were not used to fit the effects, without and with them, and what noise alone would give. "
         f"The effects explain {100 * gap.closure:.0f} % of the misfit, 95 % interval {100 * low:.0f} to {100 * high:.0f} %."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,18 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
-from semlive.service.watch.export_folder import ExportFolder
 from semlive.service.watch.file_numbering import FileNumbering
 from semlive.service.watch.sidecars import sidecar_names
-from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
+from .by_hand import Watched
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from arrivals.scene import HandClock
 from bench_watch import measure
 
 SCAN = dataclasses.replace(load_scenario("paper_x200").scan, width_px=32, height_px=24, frame_time_s=0.108)
@@ -33,29 +30,6 @@ def made(vendor: Vendor, seed: int = 1, bar: int = 0) -> EncodedFrame:
     return Export(WriteStyle.DIRECT, 0.0, 1.0, 1, bar, "x", vendor).encode(
         image, ImageMetadata(SCAN, 10**18 + seed * 10**9, 0, 0, seed, "a.tif")
     )
-
-
-class Watched:
-    """A watched folder under a clock that is moved by hand."""
-
-    def __init__(self, path: Path, **settings: object) -> None:
-        self.path, self.clock = path, HandClock()
-        self.files: list[ExportedFile] = []
-        self.refused: list[RejectedFile] = []
-        self.troubles: list[str] = []
-        self.notices: list[str] = []
-        chosen = WatchSettings(path, give_up_after_s=20.0, **settings)  # type: ignore[arg-type]
-        self.folder = ExportFolder(chosen, self.clock, self.files.append, self.refused.append, self.troubles.append, self.notices.append)
-        self.folder.open()
-
-    def wait(self, seconds: int) -> None:
-        for _ in range(seconds):
-            self.folder.poll()
-            self.clock.ns += 10**9
-
-    def write(self, name: str, data: bytes) -> None:
-        (self.path / name).write_bytes(data)
-        os.utime(self.path / name, ns=(self.clock.ns, self.clock.ns))
 
 
 @pytest.fixture

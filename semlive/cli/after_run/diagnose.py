@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
@@ -11,14 +12,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from semlive.cli.after_run.confirmation import SimulationRequest, comparison_json, comparison_text, confirm, new_folder
+from semlive.cli.after_run.confirmation import SimulationRequest, new_folder, proof_json, proof_text
+from semlive.cli.after_run.confirmation import prove as prove_diagnosis
 from semlive.cli.after_run.forecast_table import forecast_table
 from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.cli.shared.report_files import figures_option, pdf_option, write_report_files
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
 from semlive.data.diagnosis.verdict import SETTLING_LAWS, UNDERRESOLVED, Diagnosis, settling_text
-from semlive.diagnose.simulation_comparison import Comparison
 from semlive.report.diagnosis_report import diagnosis_report
 from semlive.report.document.html_writer import html_page
 from semlive.service.diagnosis.model_file import compatible_model, model_of, write_model
@@ -50,7 +51,9 @@ def diagnose(
     prove: Annotated[
         str | None,
         typer.Option(
-            metavar="SCENARIO", help="Simulate the run without and with the identified effects, and compare; a scenario with its protocol."
+            metavar="SCENARIO",
+            help="Simulate the run without and with the identified effects, compare, and write one page. A scenario with the protocol of "
+            "the run: two simulated runs of as many pairs as the log, no longer ones; none without an identified effect.",
         ),
     ] = None,
     prove_out: Annotated[Path, typer.Option(help="Folder for model, page and simulated runs of --prove; new or empty.")] = Path("prove"),
@@ -66,32 +69,30 @@ def diagnose(
     opened = OpenedLog(log)
     parent = model_of(opened) if model is None else compatible_model(opened, model)
     with multi_stage_progress() as progress:
-        diagnosis, _ = diagnose_log(opened, seed, progress, parent.effect_model.effects)
-    if not diagnosis.effects:
-        simulation = None
-    if simulation is not None:
-        simulation.folder.mkdir(parents=True, exist_ok=True)
-        out, page = out or simulation.folder / "model.json", page or simulation.folder / "diagnosis.html"
-    comparison = None
+        diagnosis, observation = diagnose_log(opened, seed, progress, parent.effect_model.effects)
     if out is not None:
         write_model(out, diagnosis, opened, parent)
-        if simulation is not None:
-            with multi_stage_progress() as progress:
-                comparison = confirm(log, out, simulation, progress)
+    proof = None
+    if simulation is not None:
+        simulation.folder.mkdir(parents=True, exist_ok=True)
+        page = page or simulation.folder / "diagnosis.html"
+        with multi_stage_progress() as progress:
+            write = partial(write_model, verdict=diagnosis, log=opened, parent=parent)
+            proof = prove_diagnosis(diagnosis, observation, log, write, simulation, progress)
     if page is not None or pdf is not None or pictures is not None:
         made_from = [("log", log.name), ("model", parent.name), ("seed", str(seed)), ("semlive", version("semlive"))]
-        document = diagnosis_report(log.name, diagnosis, made_from, first_frame(log), comparison)
+        document = diagnosis_report(log.name, diagnosis, made_from, first_frame(log), proof)
         if page is not None:
             write_text(page, html_page(document))
         write_report_files(document, pdf, pictures)
     if as_json:
-        proof = {} if prove is None else {"proof": None if comparison is None else comparison_json(comparison)}
-        typer.echo(json.dumps({**diagnosis_json(diagnosis), **proof}))
+        more = {} if proof is None or page is None else proof_json(proof, page)
+        typer.echo(json.dumps({**diagnosis_json(diagnosis), **more}))
         return
     console = Console()
     _print_diagnosis(console, diagnosis)
-    if prove is not None:
-        _print_comparison(console, comparison, page)
+    if proof is not None:
+        console.print(f"{proof_text(proof)}\npage: {page}")
 
 
 def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
@@ -129,14 +130,6 @@ def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
         console.print(f"to decide between {', '.join(diagnosis.experiment.between)}: {diagnosis.experiment.about}")
         if diagnosis.experiment.forecasts:
             console.print(forecast_table(diagnosis.experiment.forecasts))
-
-
-def _print_comparison(console: Console, comparison: Comparison | None, page: Path | None) -> None:
-    if comparison is None:
-        console.print("no effect was identified, so there is nothing to simulate")
-        return
-    console.print(f"simulation: {comparison_text(comparison)}")
-    console.print(f"page: {page}")
 
 
 def _grey_line(diagnosis: Diagnosis) -> str:

@@ -10,8 +10,10 @@ from typing import IO, Any
 import yaml
 
 from semlive.cli.shared.simulator import running_simulator
-from semlive.errors import SemliveError
+from semlive.errors import BadInput, SemliveError
 
+_PAIR_KEYS = ("calibration_shifts_px", "translation_shifts_px", "loads_n")
+"""Keys of the protocol with one value for each pair."""
 _SHIFTED: dict[str, dict[str, object]] = {"stage": {"kind": "specimen"}, "beam_shift": {"kind": "beam", "first_register": 400}}
 """Registers of the simulated bench that shift the field of view: those of the stage (the default of the driver) or of the beam shift."""
 
@@ -61,18 +63,36 @@ def run_daemon(config: Path, *options: str, output: IO[bytes] | None = None) -> 
             continue
 
 
-def simulated_run(scenario: str, folder: Path) -> Path:
+def require_pairs(bench: dict[str, Any], pairs: int) -> None:
+    """Refuse an experiment of another length than that of a measured run.
+
+    Args:
+        bench: content of the `ready.json` of the bench.
+        pairs: number of pairs of the measured run.
+
+    Raises:
+        BadInput: the experiment plans another number of pairs.
+    """
+    protocol = bench["experiment"]["protocol"]
+    planned = sum(len(protocol.get(key, ())) for key in _PAIR_KEYS)
+    if planned != pairs:
+        raise BadInput(f"the scenario has {planned} pairs and the measured run {pairs}; give a scenario with the protocol of that run")
+
+
+def simulated_run(scenario: str, folder: Path, pairs: int) -> Path:
     """Run the experiment of a scenario on the simulated instrument; returns the folder of its log.
 
     Args:
         scenario: name of a scenario, or the path of one.
         folder: new or empty folder for all files; messages of the daemon go to `daemon.txt` in it.
+        pairs: number of pairs that the scenario must have, so that the run is no longer than the measured one.
 
     Raises:
-        BadInput: no simulator is installed, or the scenario does not exist.
+        BadInput: no simulator is installed, the scenario does not exist, or it has another number of pairs.
         SemliveError: the simulator did not start, or the run was not completed.
     """
     with running_simulator(scenario, folder / "instrument", None) as bench:
+        require_pairs(bench, pairs)
         config, messages = folder / "run.yaml", folder / "daemon.txt"
         config.write_text(yaml.safe_dump(daemon_config(bench, bench["rate"]), sort_keys=False), encoding="utf-8")
         with messages.open("wb") as output:

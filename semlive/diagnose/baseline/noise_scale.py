@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid
-from semlive.diagnose.baseline.design_matrix import design
+from semlive.diagnose.baseline.design_matrix import DesignMatrix, design
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window, rough_cholesky
 from semlive.model.effects import RunGeometry
@@ -27,7 +27,12 @@ def modes(scene: RunGeometry, order: int = ORDER) -> Array:
 
 
 def noise_scaled_baseline(observation: Observation, whiten: Whitener | None = None) -> HyperparameterGrid:
-    """Evaluate the baseline in units of the noise.
+    """Evaluate the baseline in units of the noise; the arguments are those of `noise_scaled_design`."""
+    return build_grid(noise_scaled_design(observation, whiten))
+
+
+def noise_scaled_design(observation: Observation, whiten: Whitener | None = None) -> DesignMatrix:
+    """Columns of the baseline in units of the noise.
 
     The noise is estimated from the rough part of the residual, which contains no smooth effects. The correlation length over subsets is the
     most likely one.
@@ -44,7 +49,7 @@ def noise_scaled_baseline(observation: Observation, whiten: Whitener | None = No
     columns = design(observation, whiten)
     for _ in range(PASSES):
         columns = columns.rescaled(residual_scale(best_point(columns), rough))
-    return build_grid(columns)
+    return columns
 
 
 def rough_modes(observation: Observation) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.frame import ExportedFile, Frame, FrameInfo
+from semlive.data.scan import RowClock
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage, BadInput
 from semlive.formats.images import frame_metadata
@@ -128,14 +129,18 @@ def read_info(file: ExportedFile, profile: ScanProfile) -> FrameInfo:
 def parsed_info(parsed: ParsedFile, profile: ScanProfile) -> FrameInfo:
     """Return the metadata of a parsed file, as `read_info` does."""
     info = frame_metadata.frame_info(parsed.file, parsed.header, parsed.width_px, parsed.rows, profile)
-    sidecar = parsed.file.sidecar
-    if sidecar is None or not is_row_clock(sidecar):
-        return info
+    clock = _row_clock(parsed.file, info.width_px, info.height_px)
+    return info if clock is None else replace(info, timing=replace(info.timing, clock=clock))
+
+
+def _row_clock(file: ExportedFile, width_px: int, rows: int) -> RowClock | None:
+    """Return the clock in the text file of an image whose frame has this size; None if the text is no clock."""
+    if file.sidecar is None or not is_row_clock(file.sidecar):
+        return None
     try:
-        clock = read_row_clock(sidecar, f"the text file of {info.name}", info.width_px, info.height_px)
+        return read_row_clock(file.sidecar, f"the text file of {file.name}", width_px, rows)
     except BadInput as error:
         raise BadImage(str(error)) from error
-    return replace(info, timing=replace(info.timing, clock=clock))
 
 
 def read_frame(file: ExportedFile, profile: ScanProfile) -> Frame:
@@ -167,7 +172,7 @@ def check_complete(data: bytes) -> str | None:
 
 
 def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None = None) -> str | None:
-    """Return what a structurally complete file still lacks: the header of its vendor, a matching sidecar, or its last rows.
+    """Return what a structurally complete file still lacks: the header of its vendor, a complete sidecar that matches, or its last rows.
 
     Args:
         file: the file, with its sidecar if there is one.
@@ -188,9 +193,13 @@ def check_finished(file: ExportedFile, profile: ScanProfile, vendor: str | None 
         return missing_header(vendor)
     if header.width_px not in (None, width) or header.rows not in (None, rows):
         return f"it is {width} x {rows} px, but its header describes another image"
+    bar = rows - int(header.height_px) if header.height_px else header.databar_rows or profile.databar_rows or 0
+    try:
+        _row_clock(file, width, rows - bar)
+    except BadImage as error:
+        return str(error).rstrip(".")
     if parsed.page is None:
         return None
-    bar = rows - int(header.height_px) if header.height_px else header.databar_rows or profile.databar_rows or 0
     zeros = tiff.zero_rows(file.data, parsed.page.directory, rows - bar)
     return f"its last {zeros} rows are zero" if zeros >= 2 else None
 

@@ -26,6 +26,7 @@ from semlive.process_lock import Holder
 from semlive.service.config.configuration import Config
 from semlive.service.config.sections import DriverSection
 from semlive.service.runtime.clock import SystemClock
+from semlive.service.watch.awaited_texts import missing_text
 from semlive.service.watch.clock_offsets import probe_share
 from semlive.service.watch.sidecars import sidecar_of
 from semlive.service.watch.untaken_files import content_of, described
@@ -87,6 +88,9 @@ def _newest_image(path: Path, config: Config) -> Finding:
     problems = list(inspection.problems)
     if not problems and (unfinished := check_finished(file, config.sem.scan_profile, config.sem.vendor)) is not None:
         problems.append(unfinished)
+    missing = missing_text(config.watch_settings(), sidecar)
+    if not problems and missing is not None and missing.is_needed:
+        problems.append(missing.reason)
     problems += _other_size(inspection, config)
     if problems:
         observation = f"{path.name}: a run would refuse an image like it: {' '.join(problems)}"

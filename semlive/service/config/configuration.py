@@ -77,6 +77,7 @@ class Config(Section):
             use_events=sem.file_events,
             stable_for_s=sem.stable_for_s,
             vendor=sem.vendor,
+            row_clock=sem.row_clock,
             sidecar_timeout_s=sem.sidecar_timeout_s,
             profile=sem.scan_profile,
         )

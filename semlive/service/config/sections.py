@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from semlive.data.settings import ScanProfile, ScanSpeed
+from semlive.data.settings import RowClockUse, ScanProfile, ScanSpeed
+from semlive.formats import SIDECAR_VENDORS
 
 
 class AlertEvent(StrEnum):
@@ -89,14 +90,24 @@ class SemSection(Section):
     """Time without change after which a file counts as complete whose bytes do not prove it, s of wall time."""
     vendor: Literal["fei", "zeiss", "tescan", "jeol", "hitachi"] | None = None
     """Vendor of the files: a file counts as complete only with the header of this vendor, or with its text file (JEOL, Hitachi)."""
+    row_clock: RowClockUse = "if_present"
+    """Text file with the row starts of the instrument's own clock: `if_present` uses one that came before its image, `awaited` waits for it and else uses the image with equations 1 to 4, `required` waits and else rejects the image."""  # noqa: E501
     sidecar_timeout_s: float = Field(default=60.0, gt=0)
-    """Time after which a file without the text file of its vendor is rejected, s of wall time."""
+    """Time for which the text file of the vendor, or the row clock, is awaited, s of wall time."""
     probe_share: bool = False
     """Measure the clock of the computer of the folder at the start of the run, by writing a small file there."""
     trigger: DriverSection | None = None
     profile: Annotated[ScanProfile, BeforeValidator(lambda v: reject_unknown_keys(ScanProfile, v))] = ScanProfile()
     scan_profiles: list[Annotated[ScanSpeed, BeforeValidator(lambda v: reject_unknown_keys(ScanSpeed, v))]] = []
     """Scan times for each scan speed of the vendor, for files without times."""
+
+    @model_validator(mode="after")
+    def _row_clock_has_its_own_text(self) -> SemSection:
+        if self.row_clock != "if_present" and self.vendor in SIDECAR_VENDORS:
+            raise PydanticCustomError(
+                "row_clock", f"row_clock must be if_present, because the text file of an image is that of {self.vendor}"
+            )
+        return self
 
     @property
     def scan_profile(self) -> ScanProfile:

@@ -210,9 +210,11 @@ def _missing_effect_advice(log: Path, done: ReplayResult) -> str:
 
     A drift of the raster takes the same displacements as larger translations would show. A residual beyond noise makes the drift rough.
     """
+    solved = replace(done.analysis, solution=done.solution)
     used = [term.name for term in done.result.estimate.terms if term.included and term.name in RASTER_TERMS]
-    causes = [f"the estimate uses {name}, which another effect may imitate" for name in used]
-    if pipeline.residual_warning(replace(done.analysis, solution=done.solution)):
+    rival = pipeline.term_rival(solved) if used else None
+    causes = [f"the estimate uses {name}, which another effect may imitate" for name in used] if rival is None else [rival.text]
+    if pipeline.residual_warning(solved):
         causes.append("the residual of the maps is more than noise")
     if not causes:
         return ""

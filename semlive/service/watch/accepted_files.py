@@ -77,10 +77,15 @@ class AcceptedFiles:
             sidecar, registered = self.listing.sidecar(name), self.listing.registry.get(name)
             if sidecar is not None and registered is not None:
                 arrival = f"{printable_name(sidecar[0])} came after {printable_name(name)} {registered.description} without it"
-                self.on_notice(f"{arrival}; name the SEM in sem.vendor, so that the text is waited for.")
+                self.on_notice(f"{arrival}; {self._late_text_advice()}.")
                 self.on_late_sidecar()
             if sidecar is not None or now_ns - accepted_ns >= self.settings.sidecar_timeout_s * 1e9:
                 del self._without_sidecar[name]
+
+    def _late_text_advice(self) -> str:
+        if self.settings.row_clock != "if_present":
+            return "raise sem.sidecar_timeout_s"
+        return "name the SEM in sem.vendor, or set sem.row_clock for row starts, so that the text is waited for"
 
     def check_changed(self, changed: dict[str, Key], now_ns: int) -> None:
         """Handle registered files that have changed: only their times, or their content."""

@@ -66,6 +66,9 @@ class Candidates:
     def __getitem__(self, name: str) -> Candidate:
         return self._candidates[name]
 
+    def __contains__(self, name: str) -> bool:
+        return name in self._candidates
+
     def restart(self, now_ns: int) -> None:
         """Begin new intervals without changes, because nothing is known of the time while the folder was unavailable."""
         for candidate in self._candidates.values():

@@ -15,9 +15,10 @@ from pathlib import Path
 
 from semlive.data.frame import ExportedFile
 from semlive.errors import BadConfig
-from semlive.formats import SIDECAR_VENDORS, check_complete, check_finished, ends_like_partial_file
+from semlive.formats import check_complete, check_finished, ends_like_partial_file
 from semlive.ports import ClockSource
 from semlive.service.watch.accepted_files import AcceptedFiles
+from semlive.service.watch.awaited_texts import MissingText, awaits_texts, missing_text
 from semlive.service.watch.byte_proofs import ByteProofs
 from semlive.service.watch.candidates import Candidate, Candidates
 from semlive.service.watch.file_locks import is_locked_error, open_elsewhere
@@ -120,6 +121,8 @@ class ExportFolder:
                     self.reader.forget(self.settings.folder / name)  # its read began before the change
         for name in self._candidates.stable(now_ns):
             self._try(name, now_ns)
+            if self.settings.row_clock != "if_present" and name in self._candidates:
+                break  # frames whose clocks come late keep their order
         for name in self._candidates.provable(now_ns):
             self._try_at_once(name, now_ns)
 
@@ -149,11 +152,7 @@ class ExportFolder:
         if candidate.key[0] > self.settings.max_bytes:
             self._candidates.give_up(name, candidate, f"is larger than {self.settings.max_bytes} bytes; export single images")
             return
-        if self.settings.vendor in SIDECAR_VENDORS and candidate.sidecar is None:
-            if now_ns - candidate.since_ns >= self.settings.sidecar_timeout_s * 1e9:
-                missing = f"never got the text file that {self.settings.vendor} writes for it"
-                advice = "switch the export of image information on, or raise sem.sidecar_timeout_s"
-                self._candidates.give_up(name, candidate, f"{missing}; {advice}")
+        if candidate.sidecar is None and self._waits(name, candidate, missing_text(self.settings, None), now_ns):
             return
         if self.is_open_elsewhere(self.settings.folder / name):
             self._hold_back(name, candidate, now_ns)
@@ -177,8 +176,20 @@ class ExportFolder:
             return
         self._check(name, candidate, data, sidecar, now_ns)
 
+    def _waits(self, name: str, candidate: Candidate, missing: MissingText | None, now_ns: int) -> bool:
+        """Whether a file cannot be accepted because its text file is missing: it waits for that, or is rejected after the timeout."""
+        if missing is None:
+            return False
+        is_late = now_ns - candidate.since_ns >= self.settings.sidecar_timeout_s * 1e9
+        if is_late and missing.is_needed:
+            self._candidates.give_up(name, candidate, missing.reason)
+        return missing.is_needed or not is_late
+
     def _check(self, name: str, candidate: Candidate, data: bytes, sidecar: bytes | None, now_ns: int) -> None:
         """Accept a file that was read if it is complete and finished."""
+        missing = missing_text(self.settings, sidecar)
+        if self._waits(name, candidate, missing, now_ns):
+            return
         file = self._file(name, candidate, data, sidecar)
         problem = check_complete(data) or check_finished(file, self.settings.profile, self.settings.vendor)
         if problem is not None:
@@ -189,12 +200,14 @@ class ExportFolder:
             return
         self._proofs.awaited(file)
         self._candidates.remove(name)
+        if missing is not None:
+            self.on_notice(f"{printable_name(name)}: {missing.reason}.")
         self._accepted.add(name, candidate.key, file, self.on_file)
 
     def _try_at_once(self, name: str, now_ns: int) -> None:
         """Accept a file if its bytes prove that it is complete; only time can prove that a text file is."""
         candidate, path = self._candidates[name], self.settings.folder / name
-        if candidate.sidecar is not None or self.settings.vendor in SIDECAR_VENDORS or candidate.key[0] > self.settings.max_bytes:
+        if candidate.sidecar is not None or awaits_texts(self.settings) or candidate.key[0] > self.settings.max_bytes:
             return
         if self.is_open_elsewhere(path):
             self._hold_back(name, candidate, now_ns)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from semlive.data.settings import ScanProfile
+from semlive.data.settings import RowClockUse, ScanProfile
 from semlive.service.watch.sidecars import IMAGE_SUFFIXES
 
 
@@ -27,7 +27,8 @@ class WatchSettings:
         adopt: accept files that exist when the watch begins; otherwise they do not belong to this run.
         first_export: number of the first accepted file.
         vendor: vendor whose header every complete file must have; None for any.
-        sidecar_timeout_s: wall seconds after which a file without the text file of its vendor is rejected.
+        row_clock: whether the row starts of the instrument's own clock are awaited for every image.
+        sidecar_timeout_s: wall seconds for which a text file is awaited.
         profile: number of databar rows for files that do not contain it.
     """
 
@@ -44,6 +45,7 @@ class WatchSettings:
     adopt: bool = False
     first_export: int = 0
     vendor: str | None = None
+    row_clock: RowClockUse = "if_present"
     sidecar_timeout_s: float = 60.0
     profile: ScanProfile = field(default_factory=ScanProfile)
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from numexp.asfolder import MODULUS_MPA, write_folder
 from numexp.cases import CASES
 from numexp.experiment import make_experiment
 
+from semlive.cli.shared.simulated_run import require_pairs
 from semlive.data.grid import Grid
+from semlive.errors import BadInput
+from semlive_simulators.scenario import load_scenario
 
 Printed = tuple[int, str, str]
 DOMAINS = {"space", "row", "row_start", "scan_time", "frame", "load", "fraction", "moves"}
@@ -83,7 +88,14 @@ def test_strain_that_a_gage_does_not_show_is_reported_and_not_corrected(semlive:
     assert "out_of_plane_translation" not in without["evidence"]
     proof = tmp_path / "proof"
     code, out, _ = semlive("diagnose", str(log), "--prove", "short", "--prove-out", str(proof), "--json")
-    assert (code, json.loads(out)["proof"], proof.exists()) == (0, None, False)  # nothing is simulated without an effect
+    residual = json.loads(out)["residual"]
+    assert (code, json.loads(out)["proof"], [path.name for path in proof.iterdir()]) == (0, None, ["diagnosis.html"])
+    assert (residual["added"], residual["nothing_added"]) == ([], "no effect was identified")
+    assert "Nothing was added and nothing was simulated: no effect was identified." in (proof / "diagnosis.html").read_text()
+    for item in residual["channels"]:
+        before, noise = item["before"], item["expected"]
+        assert item["after"] is None
+        assert abs(before["value"] - noise["value"]) < 4.0 * math.hypot(before["sigma"], noise["sigma"])
 
     gaged(folder, 0.9)
     assert semlive("import", str(folder), "-o", str(log), "--subset-px", "43")[0] == 0
@@ -116,3 +128,10 @@ def test_prove_needs_a_new_folder(semlive: Callable[..., Printed], tmp_path: Pat
     code, out, err = semlive("diagnose", str(tmp_path / "no-log"), "--prove", "short", "--prove-out", str(tmp_path / "old"))
     assert (code, out) == (2, "")
     assert "the folder is not empty; give a new folder" in " ".join(err.split())
+
+
+def test_a_scenario_of_another_length_is_refused_before_its_run() -> None:
+    bench = {"experiment": load_scenario("short").experiment}
+    require_pairs(bench, 9)
+    with pytest.raises(BadInput, match="the scenario has 9 pairs and the measured run 15; give a scenario with the protocol of that run"):
+        require_pairs(bench, 15)

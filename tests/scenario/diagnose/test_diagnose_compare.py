@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -44,6 +45,13 @@ def test_maps_corrected_for_the_found_effect_agree(without: Observation, tilted:
     assert found.maps.after_px == pytest.approx(found.maps.floor_px, rel=0.1)
     assert found.sizes.ratio == pytest.approx(1.0, abs=0.35)
     assert found.confirmed
+    channels = {item.channel: item for item in found.channels}
+    assert list(channels) == ["x", "y", "x_smooth", "y_smooth"]
+    for item in channels.values():
+        assert item.after is not None
+        assert abs(item.after.value - item.expected.value) < 4.0 * math.hypot(item.after.sigma, item.expected.sigma)
+        assert item.expected.value == pytest.approx(1.0, abs=0.5)
+    assert channels["x_smooth"].before.value > channels["x_smooth"].expected.value + 4.0 * channels["x_smooth"].expected.sigma
     other = compare_with_simulations(measured, without, observed(SIMULATED, hidden_effect("bending_misalignment", 0.3, 1), GRID, QUICK))
     assert not other.maps.is_reduced
 

@@ -16,6 +16,7 @@ from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import QUICK, observed
 
+from semlive.cli.after_run.confirmation import SimulationRequest, prove
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import build_grid
@@ -103,12 +104,21 @@ def test_a_jump_within_a_pair_moves_complete_frames_and_is_no_time_course() -> N
     assert course_of(hiding("jump_within_pair"), "jump_within_pair") < 3.0
 
 
-def test_without_its_name_an_effect_is_unknown(drifting: Observation) -> None:
+def test_without_its_name_an_effect_is_unknown_and_is_not_simulated(drifting: Observation, tmp_path: Path) -> None:
     names = ("refocus_magnification_step", "tilt_with_load", "charging_frame_ramp")
     found = diagnose(drifting, dictionary=[effect_class(name) for name in names], draws=DRAWS)
 
     assert found.outcome is Outcome.UNKNOWN
     assert [item.name for item in found.effects] == ["refocus_magnification_step"]  # the closest is named
+
+    proof = prove(
+        found, drifting, tmp_path / "log", lambda path: pytest.fail(f"{path} is written"), SimulationRequest("short", tmp_path), None
+    )
+    assert (proof.added, proof.comparison, list(tmp_path.iterdir())) == ((), None, [])
+    assert "not in the dictionary" in proof.reason
+    smooth = next(item for item in proof.channels if item.channel == "x_smooth")
+    assert smooth.after is None
+    assert smooth.before.value > smooth.expected.value + 5.0 * smooth.expected.sigma
 
 
 def test_a_bump_that_grows_with_the_square_of_time_is_no_uneven_strain() -> None:
