@@ -86,16 +86,24 @@ class Watched:
         assert self.process is not None
         return self.process.wait(150)
 
+    def kill(self) -> None:
+        """End a run that a failed test left; it would occupy the load frame of the next one."""
+        if self.process is not None and self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
 
-@pytest.fixture(scope="session")
+
+@pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], Watched]]:
-    """Makes runs by name, all on one bench."""
+    """Makes runs by name, all on one bench, which ends with the module: it renders three frames a second, used or not."""
     root, made = tmp_path_factory.mktemp("bench"), []
     scenario = root / "scenario.yaml"
     scenario.write_text(yaml.safe_dump(SCENARIO), encoding="utf-8")
     with running_simulator(str(scenario), root / "bench", RATE) as ready:
 
         def make(name: str) -> Watched:
+            for item in made:
+                item.kill()
             config = daemon_config(ready, RATE)
             config["run"]["name"] = name
             config["protocol"]["load_tolerance_n"] = 20.0
@@ -107,9 +115,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], 
 
         yield make
         for item in made:
-            if item.process is not None and item.process.poll() is None:
-                item.process.kill()
-                item.process.wait()
+            item.kill()
 
 
 @pytest.fixture(scope="module")

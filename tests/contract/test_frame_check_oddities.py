@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import threading
@@ -36,14 +37,12 @@ def device(reply: Reply) -> Iterator[int]:
 
     def serve(client: socket.socket) -> None:
         sent: list[bytes] = []
-        with client, client.makefile("rb") as stream:
+        # The other side resets its connection if it closes it before it has read a late answer.
+        with contextlib.suppress(OSError), client, client.makefile("rb") as stream:
             while len(head := stream.read(7)) == 7:
                 transaction, _, length, unit = struct.unpack(">HHHB", head)
                 sent.append(reply(transaction, unit, len(sent), stream.read(length - 1), sent))
-                try:
-                    client.sendall(sent[-1])
-                except OSError:
-                    return
+                client.sendall(sent[-1])
 
     def accept(listening: socket.socket) -> None:
         while True:

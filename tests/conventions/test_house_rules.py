@@ -53,7 +53,7 @@ def tree_files() -> list[Source]:
     for path in sorted(ROOT.rglob("*")):
         parts = path.relative_to(ROOT).parts
         excluded = any((part.startswith(".") and part != ".ci") or part in ("__pycache__", "dist", "build", "runs") for part in parts[:-1])
-        if not excluded and path.is_file() and path.suffix in TEXT:
+        if not excluded and path.is_file() and path.suffix in TEXT and path.name != ".git":  # a file in a work tree of git
             found.append(Source(path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")))
     return found
 

@@ -96,7 +96,8 @@ def test_a_field_that_changes_during_a_scan_ends_in_a_named_fault(peer: Peer, tm
     peer.microscope.after_scan = {"field_mm": 0.3}
     done = semlive("run", str(configured(peer, tmp_path)), "--no-page", "--stop-on-fault")
     assert done.returncode == 1, done.stderr
-    (fault,) = logged(tmp_path, "/fault")
+    # On a busy computer the run also reports at its end that its analysis was not ready.
+    (fault,) = [item for item in logged(tmp_path, "/fault") if item["where"] == "SEM"]
     assert "the frame is refused: its settings changed during the scan, field width 0.0003 m instead of 0.0002 m" in fault["what"]
     assert logged(tmp_path, "/sem/trigger") == []
     assert not list((tmp_path / "export").glob("*.tif"))

@@ -180,10 +180,9 @@ class TcpPort:
 
     def disconnect(self) -> None:
         """Disconnect the cable: connections are closed, new ones are refused."""
-        for connection in (self._listening, *self._clients):
-            with contextlib.suppress(OSError):
-                connection.shutdown(socket.SHUT_RDWR)
-            connection.close()
+        _close(self._listening)
+        self._accepting.join()  # a connection accepted at this moment is among the clients after it
+        _close(*self._clients)
         self._clients.clear()
 
     def reconnect(self) -> None:
@@ -192,7 +191,8 @@ class TcpPort:
         self._serve()
 
     def _serve(self) -> None:
-        threading.Thread(target=self._accept, args=(self._listening,), daemon=True).start()
+        self._accepting = threading.Thread(target=self._accept, args=(self._listening,), daemon=True)
+        self._accepting.start()
 
     def _accept(self, listening: socket.socket) -> None:
         while True:
@@ -213,6 +213,13 @@ class TcpPort:
                     continue
                 time.sleep(self._stand.late_s())
                 client.sendall(struct.pack(">HHHB", number, 0, len(reply) + 1, unit) + reply)
+
+
+def _close(*connections: socket.socket) -> None:
+    for connection in connections:
+        with contextlib.suppress(OSError):
+            connection.shutdown(socket.SHUT_RDWR)
+        connection.close()
 
 
 class RtuPort:
