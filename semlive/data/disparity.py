@@ -54,6 +54,7 @@ class DisparityMap:
         iterations: (ny, nx) IC-GN iterations of the last attempt at a POI; None likewise.
         neighbour_share: (ny, nx) part of a value that comes from neighbours and regularisation instead of the subset of the POI, from 0
             to 1; None for a map of the subset method.
+        intermediate: number of the frame through which a map was composed of two; None for a map of two images, and in logs.
     """
 
     reference: int
@@ -68,6 +69,7 @@ class DisparityMap:
     covariance_px2: NDArray[np.float64] | None = None
     iterations: NDArray[np.int32] | None = None
     neighbour_share: NDArray[np.float64] | None = None
+    intermediate: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("u_px", "v_px", "sigma_u_px", "sigma_v_px", "zncc", "status", "covariance_px2", "iterations", "neighbour_share"):

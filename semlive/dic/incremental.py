@@ -200,4 +200,5 @@ def compose_maps(older: DisparityMap, newer: DisparityMap) -> DisparityMap:
         sigma_v_px=where_valid(accumulated(older.sigma_v_px, sigma_v)),
         zncc=where_valid(zncc),
         status=status,
+        intermediate=older.current,
     )

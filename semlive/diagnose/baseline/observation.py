@@ -163,9 +163,9 @@ def make_observation(solution: Solution, steps: Sequence[StepConditions], altern
     # The position of a block is the mean position of its points in each map. With the points of the first map, points missing in other maps
     # shifted it by 6 px, and the bending of a specimen was estimated 22 % too large.
     position = np.stack([map_rows.position_px[used] for map_rows in (rows[0], *rows)])
-    return Observation(
-        state, solution, rows, used, disparity, _scene(solution, steps, frames, position, predicted_px), tuple(steps), alternative
-    )
+    composed = np.array([False, *(map_rows.dmap.intermediate == map_rows.current - 1 for map_rows in rows)])
+    scene = _scene(solution, steps, frames, position, predicted_px, composed)
+    return Observation(state, solution, rows, used, disparity, scene, tuple(steps), alternative)
 
 
 def step_conditions(decisions: Sequence[PairDecision], hold_s: float = HOLD_S) -> tuple[StepConditions, ...]:
@@ -184,6 +184,7 @@ def _scene(
     frames: NDArray[np.int64],
     position: NDArray[np.float64],
     disparity: NDArray[np.float64],
+    composed: NDArray[np.bool_],
 ) -> RunGeometry:
     state = solution.state
     assert state.drift is not None  # there are pairs
@@ -195,6 +196,7 @@ def _scene(
     return RunGeometry(
         address_px=address,
         disparity_px=disparity,
+        composed=composed,
         time_s=time_s,
         time_in_frame_s=in_frame,
         time_in_row_s=in_row,

@@ -67,9 +67,9 @@ def domain_contrasts(scene: RunGeometry) -> list[tuple[str, Array]]:
 
 
 def fraction_waves(scene: RunGeometry) -> Array:
-    """(f, b, 2, 4) sine and cosine of the fraction of a pixel, separately along x and y."""
-    fraction = 2.0 * np.pi * scene.disparity_px
-    return np.concatenate([_component_columns(value) for value in (np.sin(fraction), np.cos(fraction))], axis=-1)
+    """(f, b, 2, 4) sine and cosine of the fraction of a pixel, separately along x and y; in a composed map of both parts."""
+    fraction = 2.0 * np.pi * scene.measured_parts_px
+    return np.concatenate([_component_columns(value.sum(axis=0)) for value in (np.sin(fraction), np.cos(fraction))], axis=-1)
 
 
 def _both_axes(shapes: Array) -> Array:

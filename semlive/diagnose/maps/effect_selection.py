@@ -125,7 +125,8 @@ def reselect_effects(
     The first effect is selected while the others are still missing from the model. A raster rotation drift was identified as a distortion
     drift, which absorbed a part of the bending as well; jointly with bending it explained the rotation completely. If the effect is
     confirmed, its nonlinear parameters are refined jointly with the others. A distortion drift whose affine part was fitted with a hidden
-    jump otherwise caused a third effect with a log Bayes factor of 38.
+    jump otherwise caused a third effect with a log Bayes factor of 38. An effect that is no longer significant is removed: a spot
+    fitted to a part of three charged spots had a log Bayes factor of 3 after the others were selected.
 
     Args:
         baseline: the baseline without effects.
@@ -134,12 +135,13 @@ def reselect_effects(
         families: candidate effect classes, including unnamed ones.
         projections: their projected basis fields.
     """
-    for family in [effect.refined.family for effect in effects[:-1]]:
-        effect = next(each for each in effects if each.refined.family is family)
+    for original in [effect.refined for effect in effects[:-1]]:
+        effect, family = next(each for each in effects if each.refined is original), original.family
         before, remaining = rebuild_baseline(
             baseline, [retained for retained in effects if retained is not effect], effects[0].unnamed_log_factor
         )
-        other_families = [each for each in families if each not in {retained.refined.family for retained in remaining}]
+        taken = [retained.refined.family for retained in remaining]
+        other_families = [each for each in families if taken.count(each) < each.max_count]
         scored = refine_parameters(before, score_candidates(before, other_families, projections))
         candidates = [each for each in scored if each.family not in UNNAMED_CLASSES]
         best = max(candidates, key=lambda each: each.log_factor)
@@ -148,7 +150,10 @@ def reselect_effects(
             effects = tuple(replace(each, rivals=tuple(rivals)) if each is effect else each for each in effects)
             continue
         unnamed = max(each.log_factor for each in scored if each.family in UNNAMED_CLASSES)
-        baseline_with_effects, effects = add_effect(before, remaining, best, effect.p_value, rivals, unnamed)
+        after, replaced = add_effect(before, remaining, best, effect.p_value, rivals, unnamed)
+        if replaced[-1].log_bayes_factor < SIGNIFICANT_LOG_FACTOR:
+            return reselect_effects(baseline, before, remaining, families, projections)
+        baseline_with_effects, effects = after, replaced
         if best.family is not family:
             break
     return baseline_with_effects, effects

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from semlive.diagnose.baseline.baseline import HyperparameterGrid
-from semlive.diagnose.baseline.bayes_factor import ProjectedField, information
+from semlive.diagnose.baseline.bayes_factor import ProjectedField
+from semlive.diagnose.maps.linear_parameters import LinearParameterSums, LinearPosterior
 from semlive.model.effects import EffectClass, NonlinearParameter
 from semlive.model.effects.effect_class import Values
 
@@ -46,6 +46,11 @@ class CandidateObjective(Protocol):
         """Prior standard deviation of the amplitudes, px."""
         ...
 
+    @property
+    def sums(self) -> LinearParameterSums | None:
+        """Sums of the one point, for a class that is linear in its parameters; else None."""
+        ...
+
     def grid(self) -> Iterable[Values]:
         """Parameter values of the grid."""
         ...
@@ -53,47 +58,6 @@ class CandidateObjective(Protocol):
     def evaluate(self, values: Values) -> ProjectedField | None:
         """Basis field at parameter values, projected on the data; None if it is not observable."""
         ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearParameterSums:
-    """Precomputed sums for basis fields that are linear in their parameters.
-
-    A distortion drift has four such parameters and took two thirds of the time of all refinements.
-
-    Attributes:
-        thetas: names of the parameters.
-        information: (points, (1 + t) q, (1 + t) q) information: at zero parameters, then the change per unit of each parameter.
-        gradient: (points, (1 + t) q) gradient.
-    """
-
-    thetas: tuple[str, ...]
-    information: Array
-    gradient: Array
-
-    @classmethod
-    def of(cls, baseline: HyperparameterGrid, family: EffectClass) -> LinearParameterSums | None:
-        """Sums for all points of a baseline; None for effect classes that are not linear in their parameters."""
-        if not family.linear_in_parameters:
-            return None
-        scene, names = (
-            baseline.design.observation.geometry,
-            tuple(nonlinear_parameter.name for nonlinear_parameter in family.nonlinear_parameters),
-        )
-        at_zero, *each = (family.basis_field(scene, values) for values in ({}, *({name: 1.0} for name in names)))
-        assert at_zero is not None  # it was observable on the grid
-        more = [displaced.field_px - at_zero.field_px for displaced in each if displaced is not None]
-        return cls(names, *information(baseline, np.concatenate((at_zero.field_px, *more), axis=-1)))
-
-    def at_point(self, place: int) -> LinearParameterSums:
-        """Sums for one point."""
-        return replace(self, information=self.information[place : place + 1], gradient=self.gradient[place : place + 1])
-
-    def at(self, values: Values) -> ProjectedField:
-        """Basis field at parameter values, projected on the data."""
-        shares = np.array([[1.0, *(values[name] for name in self.thetas)]])
-        mix = np.kron(shares.T, np.eye(self.gradient.shape[1] // shares.size))
-        return ProjectedField.of(mix.T @ self.information @ mix, self.gradient @ mix)
 
 
 def _score(objective: CandidateObjective, projected_field: ProjectedField) -> float:
@@ -135,7 +99,9 @@ class _Line:
 
 
 def optimise_parameters(objective: CandidateObjective, start: Values) -> dict[str, float]:
-    """Most likely parameter values between the neighbouring grid values."""
+    """Most likely parameter values: between the neighbouring grid values, or for a linear class all jointly and without bounds."""
+    if objective.sums is not None:
+        return LinearPosterior(objective.sums, objective.size_px).most_likely(start)
     values = dict(start)
     for _ in range(MAX_PASSES):
         for theta in objective.family.nonlinear_parameters:
@@ -150,10 +116,32 @@ def optimise_parameters(objective: CandidateObjective, start: Values) -> dict[st
     return values
 
 
-def parameter_uncertainty(objective: CandidateObjective, values: dict[str, float], mean: Array) -> tuple[tuple[float, ...], Array]:
-    """Standard uncertainties of the nonlinear parameters, and the resulting (q, q) covariance of the amplitudes."""
-    spreads = [_posterior_spread(_Line.of(objective, values, theta), mean) for theta in objective.family.nonlinear_parameters]
-    return tuple(sigma for sigma, _ in spreads), np.sum([covariance for _, covariance in spreads] or [np.zeros((len(mean),) * 2)], axis=0)
+@dataclass(frozen=True, slots=True, eq=False)
+class ParameterSpread:
+    """Uncertainty of the nonlinear parameters.
+
+    Attributes:
+        sigmas: standard uncertainty of each parameter, in its unit.
+        widths_steps: standard deviations of the posterior along independent directions, in steps of the grid.
+        amplitude_covariance: (q, q) resulting covariance of the amplitudes.
+    """
+
+    sigmas: tuple[float, ...]
+    widths_steps: tuple[float, ...]
+    amplitude_covariance: Array
+
+
+def parameter_spread(objective: CandidateObjective, values: dict[str, float], mean: Array) -> ParameterSpread:
+    """Uncertainty of the nonlinear parameters about their most likely values: of a linear class jointly, else one at a time."""
+    if objective.sums is not None:
+        sigmas, widths, covariance = LinearPosterior(objective.sums, objective.size_px).spread(values)
+        return ParameterSpread(tuple(sigmas.tolist()), tuple(widths.tolist()), covariance)
+    thetas = objective.family.nonlinear_parameters
+    spreads = [_posterior_spread(_Line.of(objective, values, theta), mean) for theta in thetas]
+    sigmas = tuple(sigma for sigma, _ in spreads)
+    units = [abs(values[theta.name] * math.log(theta.step)) if theta.ratio else theta.step for theta in thetas]
+    widths = tuple(sigma / unit for sigma, unit in zip(sigmas, units, strict=True))
+    return ParameterSpread(sigmas, widths, np.sum([covariance for _, covariance in spreads] or [np.zeros((len(mean),) * 2)], axis=0))
 
 
 def _posterior_spread(line: _Line, mean: Array) -> tuple[float, Array]:

@@ -13,7 +13,8 @@ from semlive.data.diagnosis.effects import ParameterEstimate
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, ProjectedField, project, sizes_of
 from semlive.diagnose.baseline.design_matrix import BaselineEffect
-from semlive.diagnose.maps.parameter_search import TOLERANCE_STEPS, LinearParameterSums, optimise_parameters, parameter_uncertainty
+from semlive.diagnose.maps.linear_parameters import LinearParameterSums, log_prior_without_grid
+from semlive.diagnose.maps.parameter_search import TOLERANCE_STEPS, optimise_parameters, parameter_spread
 from semlive.model.effects import BasisField, EffectClass
 from semlive.model.effects.effect_class import Values
 
@@ -74,14 +75,17 @@ def refined(baseline: HyperparameterGrid, candidate: CandidateEvidence) -> Refin
     objective, values = _choose_point(baseline, candidate)
     family, basis_field = candidate.family, objective.basis_field(values)
     mean, covariance = project(objective.baseline, basis_field.field_px).amplitudes(0, objective.size_px)
-    sigmas, follows = parameter_uncertainty(objective, values, mean)
+    spread = parameter_spread(objective, values, mean)
+    follows = spread.amplitude_covariance
     baseline_effect = BaselineEffect(baseline.design.whiten(basis_field.field_px), objective.size_px)
-    factor = _integrated(baseline, candidate, basis_field, values, sigmas)
-    return RefinedEffect(family, basis_field, baseline_effect, tuple(values.items()), sigmas, mean, covariance + follows, follows, factor)
+    factor = _integrated(baseline, candidate, basis_field, values, spread.widths_steps)
+    return RefinedEffect(
+        family, basis_field, baseline_effect, tuple(values.items()), spread.sigmas, mean, covariance + follows, follows, factor
+    )
 
 
 def _integrated(
-    baseline: HyperparameterGrid, candidate: CandidateEvidence, basis_field: BasisField, values: Values, sigmas: Sequence[float]
+    baseline: HyperparameterGrid, candidate: CandidateEvidence, basis_field: BasisField, values: Values, widths_steps: Sequence[float]
 ) -> float:
     """Log Bayes factor over the parameter range, integrated with the refined peak, which may be narrower than the grid spacing."""
     sizes = sizes_of(candidate.family)
@@ -91,15 +95,9 @@ def _integrated(
         - baseline.evidence
     )
     factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(len(sizes) * len(candidate.projected_fields))
-    for nonlinear_parameter, sigma in zip(candidate.family.nonlinear_parameters, sigmas, strict=True):
-        steps = (
-            sigma / abs(values[nonlinear_parameter.name] * math.log(nonlinear_parameter.step))
-            if nonlinear_parameter.ratio
-            else sigma / nonlinear_parameter.step
-        )
-        factor += min(math.log(max(math.sqrt(2.0 * math.pi) * steps, TOLERANCE_STEPS)), 0.0)
-        if nonlinear_parameter.name not in candidate.values[0]:  # without a grid, the prior is a normal distribution of one step about zero
-            factor -= 0.5 * (values[nonlinear_parameter.name] / nonlinear_parameter.step) ** 2
+    factor += sum(min(math.log(max(math.sqrt(2.0 * math.pi) * width, TOLERANCE_STEPS)), 0.0) for width in widths_steps)
+    without_grid = [theta for theta in candidate.family.nonlinear_parameters if theta.name not in candidate.values[0]]
+    factor += log_prior_without_grid(np.array([values[theta.name] / theta.step for theta in without_grid]))
     return factor
 
 

@@ -27,7 +27,7 @@ from semlive.diagnose.maps.spline_resolution import FINE_DISTORTION, FINE_DRIFT,
 from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.model.effects import EffectClass
 
-MAX_EFFECTS = 3
+MAX_EFFECTS = 3  # several of one class count once
 MAX_WORK = 1.5e12  # multiplications of a search; three effects in 15 pairs need less than half, and a minute does about as many
 ALL_UNNAMED_CLASSES = (*UNNAMED_CLASSES, FINE_DISTORTION, FINE_DRIFT)
 """Candidates that are not reported as effects: unnamed fields, and terms of the baseline finer than its splines."""
@@ -42,7 +42,7 @@ class Search:
         baseline_with_effects: the baseline with the selected effects.
         effects: the selected effects.
         initial_screening: evidence of all candidates before the first selection.
-        excluded: effect classes not to be tested again.
+        excluded: effect classes that were selected, once for each time; none is tested again beyond its largest number.
         fine_scale_candidates: candidates for components of the baseline finer than its splines.
         underresolved_splines: names of splines that are too coarse; their residual has been added to the baseline.
         residual_significant: whether the remaining residual is significant.
@@ -89,18 +89,18 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
                 key=lambda candidate: candidate.log_factor,
                 default=None,
             )
-            if (
-                not state.residual_significant
-                or best is None
-                or best.log_factor < SIGNIFICANT_LOG_FACTOR
-                or len(state.effects) == MAX_EFFECTS
-            ):
+            if not state.residual_significant or best is None or best.log_factor < SIGNIFICANT_LOG_FACTOR or is_full(state.effects):
                 return state
             predicted = state.work + _round_work(state, candidates)
             if predicted > MAX_WORK:
                 return replace(state, truncated=True)
             state = _with_effect(replace(state, work=predicted), candidates, best, p_value, dictionary, projections)
         candidates = _score_remaining(state, dictionary, projections, (null.noise[0].shape[1], seed))
+
+
+def is_full(effects: Sequence[SelectedEffect]) -> bool:
+    """Whether the effects are of as many classes as a verdict may contain."""
+    return len({effect.refined.family for effect in effects}) == MAX_EFFECTS
 
 
 def _round_work(state: Search, candidates: Sequence[CandidateEvidence]) -> float:
@@ -114,7 +114,8 @@ def _score_remaining(
     state: Search, dictionary: Sequence[EffectClass], projections: Mapping[str, CandidateProjection], draws: tuple[int, int]
 ) -> tuple[CandidateEvidence, ...]:
     """Score the remaining candidates; null draws are computed only if a candidate is significant."""
-    families = (*(value for value in dictionary if value not in state.excluded), *UNNAMED_CLASSES, *state.fine_scale_candidates)
+    remaining = (family for family in dictionary if state.excluded.count(family) < family.max_count)
+    families = (*remaining, *UNNAMED_CLASSES, *state.fine_scale_candidates)
     candidates = refine_parameters(state.baseline_with_effects, score_candidates(state.baseline_with_effects, families, projections))
     if max(candidate.log_factor for candidate in candidates) < SIGNIFICANT_LOG_FACTOR:
         return candidates
@@ -157,7 +158,8 @@ def _with_effect(
     baseline_with_effects, effects = reselect_effects(
         state.baseline, baseline_with_effects, effects, (*dictionary, *UNNAMED_CLASSES), projections
     )
-    tried = (*state.excluded, best.family, *(effect.refined.family for effect in effects))
+    tried = (*state.excluded, best.family)
+    tried = (*tried, *(effect.refined.family for effect in effects if effect.refined.family not in tried))
     return replace(state, baseline_with_effects=baseline_with_effects, effects=effects, excluded=tried)
 
 

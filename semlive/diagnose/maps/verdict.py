@@ -23,11 +23,12 @@ from semlive.diagnose.maps.figure_data import figure_data
 from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
 from semlive.diagnose.maps.relinearise import CouplingChoice, choose_coupling, relinearise_with_effects
 from semlive.diagnose.maps.screening import Screening
-from semlive.diagnose.maps.search import ALL_UNNAMED_CLASSES, MAX_EFFECTS, Search, search
+from semlive.diagnose.maps.search import ALL_UNNAMED_CLASSES, Search, is_full, search
 from semlive.diagnose.maps.time_course_test import alternative_time_course_odds
 from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.errors import IllPosed
 from semlive.model.effects import EFFECT_CLASSES, EffectClass
+from semlive.model.effects.maps.image_field import DISTORTION_SCALE_DRIFT
 
 Array = NDArray[np.float64]
 DRAWS = 299
@@ -57,7 +58,8 @@ def diagnose(
         IllPosed: the data are too few to identify an effect.
         BadInput: a given effect is unknown or not observable in these data.
     """
-    families = [family for family in dictionary if family.name not in {item.name for item in model_effects}]
+    in_model = [item.name for item in model_effects]
+    families = [family for family in dictionary if in_model.count(family.name) < family.max_count]
     result = SearchResult.run(
         choose_coupling(observation, (*families, *UNNAMED_CLASSES), model_effects), families, model_effects, (draws, seed)
     )
@@ -137,8 +139,13 @@ class SearchResult:
 
     @property
     def needs_second_pass(self) -> bool:
-        """Whether the effects may have biased the earlier selections, so that further effects compensate the error."""
-        return bool(self.effects) and not self.search.truncated and (self.residual_significant or len(self.effects) == MAX_EFFECTS)
+        """Whether the effects may have biased the earlier selections, so that further effects compensate the error.
+
+        A distortion that scales biases the estimated distortion, which is its own basis field: with an affine part of 6 px only a third to
+        three quarters of the estimate was distortion.
+        """
+        scales = any(effect.refined.family is DISTORTION_SCALE_DRIFT for effect in self.effects)
+        return bool(self.effects) and not self.search.truncated and (self.residual_significant or is_full(self.effects) or scales)
 
 
 def _second_pass(

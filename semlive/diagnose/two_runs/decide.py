@@ -17,7 +17,7 @@ from semlive.data.diagnosis.two_runs import SharedEffect, TwoRunVerdict
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.maps.adequacy import negligible_px
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR
-from semlive.diagnose.maps.parameter_search import optimise_parameters, parameter_uncertainty
+from semlive.diagnose.maps.parameter_search import optimise_parameters, parameter_spread
 from semlive.diagnose.maps.refinement import reported_parameters
 from semlive.diagnose.two_runs.join import join_runs
 from semlive.diagnose.two_runs.joint_evidence import (
@@ -146,12 +146,12 @@ def shared_effect(screening: JointEvidence) -> SharedEffect:
     assert basis_fields is not None  # it was observable on the grid
     assert against is not None
     mean, covariance = against.amplitudes(0, screening.size_px)
-    sigmas, follows = parameter_uncertainty(gradient, values, mean)
+    spread = parameter_spread(gradient, values, mean)
     own = [
         ParameterEstimate(nonlinear_parameter.name, values[nonlinear_parameter.name], sigma, nonlinear_parameter.unit)
-        for nonlinear_parameter, sigma in zip(screening.family.nonlinear_parameters, sigmas, strict=True)
+        for nonlinear_parameter, sigma in zip(screening.family.nonlinear_parameters, spread.sigmas, strict=True)
     ]
-    parameters = (*reported_parameters(basis_fields[0], mean, covariance + follows), *own, *_lengths_um(screening, own))
+    parameters = (*reported_parameters(basis_fields[0], mean, covariance + spread.amplitude_covariance), *own, *_lengths_um(screening, own))
     scenes, power = [run.design.observation.geometry for run in screening.joined.runs], values.get(AMPLITUDE_POWER, 0.0)
     peak_px = max(scene.pixel_ratio**-power * _largest_px(screening.family, scene, values, basis_fields[0], mean) for scene in scenes)
     return SharedEffect(screening.family.name, screening.family.alias_rule(parameters) or (screening.family.name,), peak_px, parameters)

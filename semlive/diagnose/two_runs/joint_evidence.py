@@ -35,6 +35,11 @@ class JointObjective:
     family: EffectClass
     size_px: float
 
+    @property
+    def sums(self) -> None:
+        """None: no class that two runs share is linear in its parameters."""
+        return
+
     def grid(self) -> Iterable[Values]:
         """Values of the grid of the first run; with several pixel sizes, with each power of the amplitude."""
         values = self.family.grid(self.joined.runs[0].design.observation.geometry)

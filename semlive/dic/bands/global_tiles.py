@@ -67,5 +67,6 @@ def measure_in_tiles(
         grid=grid,
         status=status,
         iterations=np.zeros(grid.shape, dtype=np.int32),
+        intermediate=None,
         **values,
     )

@@ -114,6 +114,7 @@ class EffectClass:
         alias_rule: names of special cases for given parameter values, the most likely first; empty if there are none.
         recurrence: recurrence in another run.
         linear_in_parameters: whether the basis field is a linear function of the nonlinear parameters.
+        max_count: largest number of effects of this class in one run, each with its own parameters.
     """
 
     name: str
@@ -128,6 +129,7 @@ class EffectClass:
     alias_rule: Callable[[Sequence[ParameterEstimate]], tuple[str, ...]] = _itself
     recurrence: Recurrence = Recurrence.SAME_AMPLITUDE
     linear_in_parameters: bool = False
+    max_count: int = 1
 
 
 @dataclass(frozen=True, slots=True)

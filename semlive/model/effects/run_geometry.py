@@ -38,6 +38,7 @@ class RunGeometry:
     Attributes:
         address_px: (f, b, 2) scan address relative to the image centre.
         disparity_px: (f, b, 2) disparity since frame 0 by the first estimate, without noise.
+        composed: (f,) whether the map to the frame was composed of those to the first frame of its pair and within the pair.
         time_s: (f, b) scan time, seconds after the start of frame 0.
         time_in_frame_s: (f, b) scan time after the start of the frame, s.
         time_in_row_s: (f, b) scan time after the start of the row, in one pass, s.
@@ -56,6 +57,7 @@ class RunGeometry:
 
     address_px: Array
     disparity_px: Array
+    composed: NDArray[np.bool_]
     time_s: Array
     time_in_frame_s: Array
     time_in_row_s: Array
@@ -85,6 +87,12 @@ class RunGeometry:
     def pixel_px(self) -> Array:
         """(f, b, 2) column and row from the first pixel of the frame, px."""
         return self.address_px + np.array([self.half_px, self.half_height_px])
+
+    @property
+    def measured_parts_px(self) -> Array:
+        """(2, f, b, 2) the disparity as a sum of those that the correlation measured, px: two in a composed map, else one and zero."""
+        first = np.where(self.composed, np.arange(len(self.frame)) - 1, 0)  # frame 0 has no disparity
+        return np.stack((self.disparity_px - self.disparity_px[first], self.disparity_px[first]))
 
     @property
     def load(self) -> Array:

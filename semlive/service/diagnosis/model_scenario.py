@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import yaml
@@ -11,6 +11,7 @@ import yaml
 from semlive.errors import BadConfig
 from semlive.inputs.files import read_regular
 from semlive.inputs.json_text import parse_json
+from semlive.model.effects.maps.apparent_motion import CHARGING_LOCAL_LENS
 from semlive.service.diagnosis.model_file import MAX_MODEL_BYTES, read_model
 
 WANDERS_S = 3600.0
@@ -37,7 +38,8 @@ def scenario_yaml(model: Path, scenario: str) -> str:
     read_model(model)
     plain = parse_json(read_regular(model, MAX_MODEL_BYTES))
     run = plain.get("run", {})
-    effects = {}
+    effects: dict[str, dict[str, object]] = {}
+    spots: list[EffectParameters] = []
     for effect in plain["effects"]:
         name = effect["name"]
         values = {key: float(item["value"]) for key, item in effect["parameters"].items()} | dict(effect["law"]["values"])
@@ -47,6 +49,9 @@ def scenario_yaml(model: Path, scenario: str) -> str:
             effects[name] = SIMULATED_EFFECTS[name](values, run)
         except KeyError as error:
             raise BadConfig(f"--from {model}: {name} needs {error.args[0]}, which the model does not contain; diagnose again.") from error
+        spots += [values] if name == CHARGING_LOCAL_LENS.name else []
+    if len(spots) > 1:
+        effects[CHARGING_LOCAL_LENS.name] = _lenses(spots, run)
     return yaml.safe_dump({"extends": scenario, "effects": effects}, sort_keys=False)
 
 
@@ -85,9 +90,20 @@ def _swing(values: EffectParameters, run: EffectParameters) -> dict[str, object]
 
 
 def _lens(values: EffectParameters, run: EffectParameters) -> dict[str, object]:
-    place = [values["x_px"] + 0.5 * (run["width_px"] - 1.0), values["y_px"] + 0.5 * (run["height_px"] - 1.0)]
-    peak_px = values["peak_px"] / -math.expm1(-run["end_s"] / CHARGING_S)  # the model contains the charge at the end of the run
-    return {"peak_px": peak_px, "width_px": values["width_px"], "brightness_levels": 0.0, "charging_s": CHARGING_S, "grains_px": [place]}
+    return _lenses([values], run)
+
+
+def _lenses(spots: Sequence[EffectParameters], run: EffectParameters) -> dict[str, object]:
+    """One effect with all spots of a model, which contains the charge of each at the end of the run."""
+    first = spots[0]
+    return {
+        "peak_px": first["peak_px"] / -math.expm1(-run["end_s"] / CHARGING_S),
+        "width_px": first["width_px"],
+        "brightness_levels": 0.0,
+        "charging_s": CHARGING_S,
+        "grains_px": [[spot["x_px"] + 0.5 * (run["width_px"] - 1.0), spot["y_px"] + 0.5 * (run["height_px"] - 1.0)] for spot in spots],
+        "sizes": [[spot["peak_px"] / first["peak_px"], spot["width_px"] / first["width_px"]] for spot in spots],
+    }
 
 
 def _hum(values: EffectParameters, run: EffectParameters) -> dict[str, object]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -69,11 +70,12 @@ class ChargingLocalLens(Effect):
     (u, v) = q(T) 2 w (r - r_j) / (|r - r_j|^2 + w^2) summed over grains, q = q0 (1 - exp(-T / tau)); |u| is q at |r - r_j| = w.
 
     Attributes:
-        peak_px: q0.
-        width_px: w.
+        peak_px: q0 of the first grain.
+        width_px: w of the first grain.
         brightness_levels: grey levels in the centre of a fully charged grain, a Gaussian of standard deviation w.
         charging_s: tau.
         grains_px: (x, y) of each grain on the specimen, r_j.
+        sizes: (q0, w) of each grain relative to those of the first; empty for equal grains.
     """
 
     name: ClassVar[str] = "charging_local_lens"
@@ -84,6 +86,7 @@ class ChargingLocalLens(Effect):
     brightness_levels: float
     charging_s: float
     grains_px: tuple[tuple[float, float], ...]
+    sizes: tuple[tuple[float, float], ...] = ()
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> ChargingLocalLens:
@@ -94,19 +97,22 @@ class ChargingLocalLens(Effect):
         """A displacement away from each grain."""
         charge = exponential_approach(at.time_s, self.peak_px, self.charging_s)
         u, v = np.zeros(x_px.shape), np.zeros(x_px.shape)
-        for grain_x, grain_y in self.grains_px:
-            dx, dy = x_px - grain_x, y_px - grain_y
-            lens = 2 * self.width_px * charge / (dx * dx + dy * dy + self.width_px**2)
+        for (grain_x, grain_y), (height, width) in self._grains():
+            dx, dy, width_px = x_px - grain_x, y_px - grain_y, width * self.width_px
+            lens = 2 * width_px * height * charge / (dx * dx + dy * dy + width_px**2)
             u, v = u + lens * dx, v + lens * dy
         return u, v
 
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """Add the brightness around each grain."""
         charge = exponential_approach(at.time_s, self.brightness_levels, self.charging_s)
-        for grain_x, grain_y in self.grains_px:
+        for (grain_x, grain_y), (height, width) in self._grains():
             square = (x_px - grain_x) ** 2 + (y_px - grain_y) ** 2
-            grey = grey + charge * np.exp(-0.5 * square / self.width_px**2)
+            grey = grey + height * charge * np.exp(-0.5 * square / (width * self.width_px) ** 2)
         return grey
+
+    def _grains(self) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
+        yield from zip(self.grains_px, self.sizes or ((1.0, 1.0),) * len(self.grains_px), strict=True)
 
 
 @dataclass(frozen=True, slots=True)

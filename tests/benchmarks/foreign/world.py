@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from foreign.effects import Hidden, Visit
 from foreign.noise import Shape, noise_of
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 Array = NDArray[np.float64]
 HEAD = "frame,pair,phase,start_s,dwell_s,row_time_s,width,height,integrations,load_n,shift_x_px,shift_y_px"
-Field = Callable[[Array, Array, Array], tuple[Array, Array]]
-"""Displacement of the beam at address (x, y), px, and time since the start of the row, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +52,7 @@ class Series:
         drift_px: drift over the run, px.
         distortion_px: largest distortion, px.
         raster: size, timing and grid.
+        bias_px: amplitude of the own bias of the engine in every map that it measured, a wave over the fraction of a pixel, px.
     """
 
     seed: int
@@ -62,9 +62,16 @@ class Series:
     drift_px: float = 12.0
     distortion_px: float = 1.5
     raster: Raster = Raster()
+    bias_px: float = 0.0
+
+    @property
+    def end_s(self) -> float:
+        """End of the run, s, if every pause takes its mean."""
+        frame_s = self.raster.height * self.raster.row_s
+        return (self.calibration + self.tension) * (2.0 * frame_s + 105.0)
 
 
-def write(series: Series, shape: Shape, folder: Path, hidden: Field | None = None) -> Path:
+def write(series: Series, shape: Shape, folder: Path, hidden: Hidden | None = None) -> Path:
     """Write a folder for ``semlive import`` and return it.
 
     Args:
@@ -93,8 +100,9 @@ def write(series: Series, shape: Shape, folder: Path, hidden: Field | None = Non
         at = ideal
         for _ in range(12):
             time_s = starts[frame] + at[1] * raster.row_s + at[0] * raster.dwell_s
-            extra = hidden(at[0], at[1], at[0] * raster.dwell_s) if hidden else (0.0, 0.0)
             dx, dy = distortion(*at)
+            visit = Visit(*at, time_s, material, (dx, dy), (raster.width, raster.height))
+            extra = hidden(visit) if hidden else (0.0, 0.0)
             at = (ideal[0] + drift[0](time_s) + dx + extra[0], ideal[1] + drift[1](time_s) + dy + extra[1])
         return at
 
@@ -110,7 +118,7 @@ def write(series: Series, shape: Shape, folder: Path, hidden: Field | None = Non
     frame_pairs += [] if shape.composed else [(0, 2 * k + 1) for k in range(1, pairs)]
     for number, (reference, current) in enumerate(frame_pairs):
         at = observed(current, material_of(reference, (x, y)))
-        u, v = at[0] - x, at[1] - y
+        u, v = (moved + series.bias_px * np.sin(2.0 * np.pi * moved) for moved in (at[0] - x, at[1] - y))
         if shape.own:
             own = noise_of(shape, (raster.height, raster.width), 1, series.sigma_px, np.random.default_rng((series.seed, 91, number)))[0]
             noise = [_sample(own[axis], x, y) for axis in (0, 1)]

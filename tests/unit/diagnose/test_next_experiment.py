@@ -6,6 +6,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -23,7 +24,9 @@ from semlive.service.config.configuration import parse_config
 from semlive.service.diagnosis.model_scenario import SIMULATED_EFFECTS, scenario_yaml
 from semlive.service.diagnosis.next_config import at_pixel_size, protocol_for
 from semlive_simulators.effects.charging import ChargingLocalLens
+from semlive_simulators.effects.interfaces import PixelVisits
 from semlive_simulators.scenario import load_scenario
+from semlive_simulators.specimen.specimen import at_rest
 
 PROTOCOL = {"calibration_shifts_px": [[0.0, 0.0], [20.0, 0.0]], "loads_n": [100.0, 500.0, 900.0], "hold_s": 30.0}
 RUN = {
@@ -138,6 +141,30 @@ def test_a_charged_spot_is_played_as_large_as_it_was_at_the_end_of_the_run(tmp_p
     (effect,) = load_scenario(str(scenario)).effects.members
     assert isinstance(effect, ChargingLocalLens)
     assert effect.peak_px * -math.expm1(-6300.0 / effect.charging_s) == pytest.approx(PARAMETERS["peak_px"])
+
+
+def test_several_charged_spots_are_one_effect_of_the_simulator(tmp_path: Path) -> None:
+    path = model(tmp_path / "model.json", "charging_local_lens")
+    content = json.loads(path.read_text())
+    second = json.loads(path.read_text())["effects"][0]
+    for name, value in (("x_px", 200.0), ("y_px", -100.0), ("width_px", 160.0), ("peak_px", -0.05)):
+        second["parameters"][name]["value"] = value
+        second["law"]["values"] = {key: second["parameters"][key]["value"] for key in second["law"]["values"]}
+    path.write_text(json.dumps({**content, "effects": [*content["effects"], second]}))
+    scenario = tmp_path / "found.yaml"
+    scenario.write_text(scenario_yaml(path, "paper_x200"))
+    (effect,) = load_scenario(str(scenario)).effects.members
+    assert isinstance(effect, ChargingLocalLens)
+    point = np.array([[700.0]]), np.array([[300.0]])
+    visits = PixelVisits(
+        *point, np.full((1, 1), 6300.0), 0.0, 0, 0, np.zeros((1, 1), dtype=bool), load_scenario(str(scenario)).scan, at_rest(), point
+    )
+    expected = 0.0
+    for spot in (content["effects"][0], second):
+        value = {key: item["value"] for key, item in spot["parameters"].items()} | spot["law"]["values"]
+        arm = np.array([700.0 - 511.5 - value["x_px"], 300.0 - 441.5 - value["y_px"]])
+        expected += 2.0 * value["peak_px"] * value["width_px"] * arm / (arm @ arm + value["width_px"] ** 2)
+    assert np.ravel(effect.material_px(*point, visits)) == pytest.approx(expected)
 
 
 def test_what_cannot_be_played_is_reported(tmp_path: Path) -> None:

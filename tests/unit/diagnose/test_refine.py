@@ -20,7 +20,7 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
 from semlive.diagnose.baseline.bayes_factor import project, score_candidates
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
-from semlive.diagnose.maps.parameter_search import LinearParameterSums
+from semlive.diagnose.maps.linear_parameters import LinearParameterSums
 from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
 from semlive.model.effects import EFFECT_CLASSES
 from semlive.model.effects.maps.image_field import AFFINE

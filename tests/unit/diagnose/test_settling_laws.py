@@ -46,7 +46,8 @@ def geometry(scan: Scan) -> RunGeometry:
     in_row_s, row_s = AT[None, :, 0] * scan.dwell_time_s, AT[None, :, 1] * scan.row_time_s
     none: Any = None
     return RunGeometry(
-        address_px=AT[None] - scan.centre_px, disparity_px=nothing, time_s=in_row_s + row_s, time_in_frame_s=in_row_s + row_s,
+        address_px=AT[None] - scan.centre_px, disparity_px=nothing, composed=np.zeros(1, dtype=bool),
+        time_s=in_row_s + row_s, time_in_frame_s=in_row_s + row_s,
         time_in_row_s=in_row_s, drift_rate_px_s=nothing, distortion_px=nothing, half_px=float(scan.centre_px[0]),
         half_height_px=float(scan.centre_px[1]), frame=np.zeros(1, dtype=np.int64), pair=np.zeros(1, dtype=np.int64), start_s=np.zeros(1),
         steps=none, drift_knot_s=1.0, distortion_knot_px=1.0, pixel_ratio=scan.pixel_size_um / FIRST.pixel_size_um,

@@ -36,8 +36,9 @@ CHARGING_FRAME_RAMP = EffectClass(
 
 
 # Deflection of the beam around a charged grain of the specimen.
-WIDTHS_PX = (60.0, 120.0)
-SPACING_PX = 75.0
+WIDTHS_PX = (60.0, 120.0, 240.0)
+SPACING_PX = 75.0  # for widths up to 120 px; wider spots are as far apart relative to their width
+MAX_SPOTS = 5
 # Time constants of the charge, as fractions of the run. Their sums approximate all exponentials with time constants from 1/13 of the run,
 # and stretched ones, within 1.4 %. Three columns of a slow random process had errors of 4 to 12 %, and half of the spots of 0.07 px gave
 # two effects or UNKNOWN.
@@ -55,12 +56,13 @@ def _charging_local_lens(scene: RunGeometry, values: Values) -> BasisField:
 
 
 def _charging_local_lens_grid(scene: RunGeometry) -> Iterable[Values]:
-    """Positions over the field, relative to the image centre, and two widths."""
+    """Positions over the field, relative to the image centre, and three widths."""
     at = scene.address_px - scene.disparity_px
     low, high = at.min(axis=(0, 1)) - 0.5 * SPACING_PX, at.max(axis=(0, 1)) + 0.5 * SPACING_PX
     for width_px in WIDTHS_PX:
-        for x_px in np.arange(low[0], high[0] + 1.0, SPACING_PX):
-            for y_px in np.arange(low[1], high[1] + 1.0, SPACING_PX):
+        spacing_px = SPACING_PX * max(1.0, width_px / 120.0)
+        for x_px in np.arange(low[0], high[0] + 1.0, spacing_px):
+            for y_px in np.arange(low[1], high[1] + 1.0, spacing_px):
                 yield {"x_px": float(x_px), "y_px": float(y_px), "width_px": width_px}
 
 
@@ -72,10 +74,11 @@ CHARGING_LOCAL_LENS = EffectClass(
     nonlinear_parameters=(
         NonlinearParameter("x_px", "px", 37.5),
         NonlinearParameter("y_px", "px", 37.5),
-        NonlinearParameter("width_px", "px", 1.4, ratio=True),
+        NonlinearParameter("width_px", "px", 2.0, ratio=True),
     ),
     group="G11",
     discriminating_experiment="a move of the specimen (the spot moves with it), a fresh field, grey levels around the spot",
+    max_count=MAX_SPOTS,
 )
 
 
@@ -83,9 +86,9 @@ CHARGING_LOCAL_LENS = EffectClass(
 
 
 def _dic_subpixel_bias(scene: RunGeometry, values: Values) -> BasisField:
-    """A sin(2 pi U)."""
+    """A sin(2 pi U) of every measured map; a composed map has the bias of both."""
     del values
-    wave = np.sin(2.0 * np.pi * scene.disparity_px)[..., None]
+    wave = np.sum(np.sin(2.0 * np.pi * scene.measured_parts_px), axis=0)[..., None]
     return BasisField(wave, (ReportedParameter("amplitude_px", "px", np.ones(1)),))
 
 
