@@ -11,7 +11,7 @@ from semlive.data.scan import Provenance
 from semlive.qualify.distortion import DistortionDraws, RowStart, distortion_results, row_start
 from semlive.qualify.drift import DriftRates, decay_results, drift_rates, rate_results
 from semlive.qualify.evidence import Evidence
-from semlive.qualify.intervals import NORMAL_95, about
+from semlive.qualify.intervals import about
 from semlive.qualify.limits import REFERENCE_SHIFT_PX, Sources, largest_corrected, limits_of
 from semlive.qualify.noise import WINDOWS, Scatter, displacement_scatter, strain_scatter, white_noise
 from semlive.qualify.protocol import GAUGE_PX, recommend_protocol
@@ -120,14 +120,9 @@ def _settling(settling: RowStart | None, calibrated: bool) -> list[Result]:
         return [Undetermined("row_start_settling", reason, "take pairs at shifted positions")]
     if settling is None:
         return [Undetermined("row_start_settling", "no settling at the row start is significant", "none is needed")]
-    figures: list[Result] = []
-    for axis, value, sigma in zip("xy", settling.amplitude_px, settling.sigma_px, strict=True):
-        half = NORMAL_95 * sigma
-        title = f"settling at the row start along {axis}, at the first calibrated column"
-        figures.append(Figure(f"row_start_{axis}", title, value, value - half, value + half, "px", Trend.NONE))
     remedy = "repeat with another dwell time and another magnification, then run `semlive experiment row-start`"
-    reason = f"one dwell and one magnification do not separate time from position (length {settling.length_px:.0f} px)"
-    return [*figures, Undetermined("row_start_law", reason, remedy)]
+    reason = f"settling at the row start is significant, about {settling.length_px:.0f} px long, but one dwell does not determine its law"
+    return [Undetermined("row_start_law", reason, remedy)]
 
 
 def _effects(evidence: Evidence) -> Iterator[Result]:

@@ -22,8 +22,10 @@ COLUMNS = 40
 """Columns of the mean profile along rows in which a settling is searched."""
 LENGTHS = 16
 SHORTEST_PX, LONGEST_SHARE = 10.0, 0.15
-MIN_GAIN, MIN_AGAINST_END = 25.0, 4.0
-"""Gain in chi-squared of a settling at the row start, and its ratio to that of one at the row end, where no beam settles."""
+MIN_GAIN, MIN_GAIN_PER_MISFIT = 25.0, 2.0
+"""Smallest gain in chi-squared of a settling at the row start over one at the row end, where no beam settles: absolute, and relative to
+the misfit that remains. A smooth distortion has similar gains at both ends.
+"""
 SHIFTS = ((HALF_SHIFT_PX, 0.0), (0.0, HALF_SHIFT_PX))
 
 
@@ -120,13 +122,11 @@ class RowStart:
     """Settling at the row start within the distortion.
 
     Attributes:
-        amplitude_px: (x, y) amplitude at the first calibrated column, px.
-        sigma_px: their standard uncertainty.
-        length_px: length over which it decays by e.
+        amplitude_px: (x, y) approximate amplitude at the first calibrated column, px; the smooth distortion takes part of it.
+        length_px: approximate length over which it decays by e.
     """
 
     amplitude_px: tuple[float, float]
-    sigma_px: tuple[float, float]
     length_px: float
 
     def strain_per_px(self, gauge_px: float) -> float:
@@ -157,25 +157,34 @@ def row_start(solution: Solution, field: DistortionField) -> RowStart | None:
     whiten = (vectors / np.sqrt(np.maximum(size, 1e-6 * size[-1]))).T
     begin = _best_exponential(x - x[0], profile, whiten)
     end = _best_exponential(x[-1] - x, profile, whiten)
-    if begin[0] < MIN_GAIN or begin[0] < MIN_AGAINST_END * end[0]:
+    if begin.gain - end.gain < max(MIN_GAIN, MIN_GAIN_PER_MISFIT * begin.misfit):
         return None
-    _, length, amplitude, sigma = begin
-    return RowStart((float(amplitude[0]), float(amplitude[1])), (float(sigma[0]), float(sigma[1])), length)
+    return RowStart((float(begin.amplitude_px[0]), float(begin.amplitude_px[1])), begin.length_px)
 
 
-def _best_exponential(distance: Array, profile: Array, whiten: Array) -> tuple[float, float, Array, Array]:
-    """Gain in chi-squared, length, amplitudes and their uncertainties of the best exponential."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Exponential:
+    """Best exponential: gain in chi-squared, remaining misfit, length, and amplitudes along x and y."""
+
+    gain: float
+    misfit: float
+    length_px: float
+    amplitude_px: Array
+
+
+def _best_exponential(distance: Array, profile: Array, whiten: Array) -> _Exponential:
+    """The exponential of any length that explains most of a whitened profile beyond a cubic."""
     scaled = distance / distance.max()
     smooth = np.stack([scaled**power for power in range(4)], axis=-1)
-    best: tuple[float, float, Array, Array] = (0.0, 1.0, np.zeros(2), np.ones(2))
+    data, fits = whiten @ profile, list[_Exponential]()
+    base = _misfit(whiten @ np.kron(np.eye(2), smooth), data)[0]
     for length in np.geomspace(SHORTEST_PX, LONGEST_SHARE * distance.max(), LENGTHS):
         term = np.exp(-distance / length)[:, None]
-        design = whiten @ np.kron(np.eye(2), np.hstack((smooth, term)))
-        base = np.delete(design, (4, 9), axis=1)
-        data = whiten @ profile
-        misfit = [np.sum((data - columns @ np.linalg.lstsq(columns, data, rcond=None)[0]) ** 2) for columns in (base, design)]
-        if misfit[0] - misfit[1] > best[0]:
-            solved = np.asarray(np.linalg.lstsq(design, data, rcond=None)[0], dtype=np.float64)
-            sigma = np.sqrt(np.diag(np.linalg.pinv(design.T @ design)))
-            best = (float(misfit[0] - misfit[1]), float(length), solved[[4, 9]], sigma[[4, 9]])
-    return best
+        misfit, solved = _misfit(whiten @ np.kron(np.eye(2), np.hstack((smooth, term))), data)
+        fits.append(_Exponential(base - misfit, misfit, float(length), solved[[4, 9]]))
+    return max(fits, key=lambda fit: fit.gain)
+
+
+def _misfit(columns: Array, data: Array) -> tuple[float, Array]:
+    solved = np.asarray(np.linalg.lstsq(columns, data, rcond=None)[0], dtype=np.float64)
+    return float(np.sum((data - columns @ solved) ** 2)), solved

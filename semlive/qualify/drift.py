@@ -23,6 +23,8 @@ DECAY_TIMES = 60
 MAX_DECAY_SPANS = 10.0
 """Longest decay time, in durations of the frames: a longer one cannot be distinguished from a constant change of the rate."""
 DRAWS = 4000
+NEGLIGIBLE = 1e-6
+"""Posterior weight, relative to the largest, below which a decay time is left out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,23 +58,27 @@ def drift_rates(pairs: Sequence[tuple[FrameInfo, FrameInfo]], maps: Sequence[Dis
     for (first, second), disparity in zip(pairs, maps, strict=True):
         begin_s, end_s = ((info.start_time_ns.value - zero_ns) * 1e-9 for info in (first, second))
         interval_s = end_s - begin_s
-        rate, sigma = pair_rate(disparity, interval_s, float(np.hypot(first.start_sigma_s, second.start_sigma_s)))
+        rate, sigma = pair_rate(
+            disparity, interval_s, float(np.hypot(first.start_sigma_s, second.start_sigma_s)), first.timing.row_time_s.value
+        )
         times.append(0.5 * (begin_s + end_s))
         rates.append(rate)
         sigmas.append(sigma)
     return DriftRates(np.array(times), np.array(rates), np.array(sigmas), pairs[-1][1].timing.duration_s, interval_s)
 
 
-def pair_rate(disparity: DisparityMap, interval_s: float, interval_sigma_s: float) -> tuple[Array, Array]:
+def pair_rate(disparity: DisparityMap, interval_s: float, interval_sigma_s: float, row_s: float) -> tuple[Array, Array]:
     """(2,) mean rate of a map within a pair, px/s, and its standard uncertainty.
 
     Args:
         disparity: map within the pair.
         interval_s: from the start of the first frame to that of the second.
         interval_sigma_s: its standard uncertainty.
+        row_s: row time. A point that moves down by a row is scanned a row later, which changes the rate of a warm microscope by 0.3 %.
     """
     valid = disparity.valid
     independent = max(float(valid.sum()) * min(1.0, disparity.grid.step_px / disparity.grid.subset_px) ** 2, 1.0)
+    interval_s += row_s * float(disparity.v_px[valid].mean())
     rate = np.array([disparity.u_px[valid].mean(), disparity.v_px[valid].mean()]) / interval_s
     noise_px = np.array([np.sqrt(np.mean(sigma[valid] ** 2)) for sigma in (disparity.sigma_u_px, disparity.sigma_v_px)])
     return rate, np.hypot(noise_px / np.sqrt(independent), rate * interval_sigma_s) / interval_s
@@ -127,6 +133,34 @@ class Decay:
         return self.time_s * np.log(np.maximum(moved / DECAYED_PX, 1.0))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scan:
+    """Fits at given decay times.
+
+    Attributes:
+        decay_s: (n,) decay times.
+        fits: results of `_fit`.
+        misfit: (n,) sums of squared residuals.
+        scale2: (n,) variance of a rate.
+        weight: (n,) posterior weight, largest 1.
+    """
+
+    decay_s: Array
+    fits: list[tuple[Array, float, float, Array]]
+    misfit: Array
+    scale2: Array
+    weight: Array
+
+
+def _scan(rates: DriftRates, decay_s: Array, floor: float) -> _Scan:
+    since, freedom = rates.time_s - rates.time_s[0], 2 * len(rates.time_s) - 5
+    fits = [_fit(np.column_stack((np.ones(len(since)), np.exp(-since / tau))), rates.rate_px_s) for tau in decay_s]
+    misfit = np.array([fit[1] for fit in fits])
+    scale2 = np.maximum(misfit / freedom, floor**2)
+    log_weight = -0.5 * freedom * np.log(scale2) - 0.5 * misfit / scale2 + np.array([fit[2] for fit in fits])
+    return _Scan(decay_s, fits, misfit, scale2, np.exp(log_weight - log_weight.max()))
+
+
 def fit_decay(rates: DriftRates) -> Decay | None:
     """Decay of the drift rate; None if a constant rate describes the pairs.
 
@@ -137,20 +171,18 @@ def fit_decay(rates: DriftRates) -> Decay | None:
     if count < MIN_PAIRS_DECAY:
         return None
     span = float(np.ptp(rates.time_s))
-    spacing = span / (count - 1)
-    decay_s = np.geomspace(0.5 * spacing, MAX_DECAY_SPANS * span, DECAY_TIMES)
     floor = float(np.sqrt(np.mean(rates.sigma_px_s**2)))
-    since = rates.time_s - rates.time_s[0]
-    fits = [_fit(np.column_stack((np.ones(count), np.exp(-since / tau))), rates.rate_px_s) for tau in decay_s]
-    misfit = np.array([fit[1] for fit in fits])
-    freedom = 2 * count - 5
+    coarse = _scan(rates, np.geomspace(0.5 * span / (count - 1), MAX_DECAY_SPANS * span, DECAY_TIMES), floor)
     constant = _fit(np.ones((count, 1)), rates.rate_px_s)[1]
-    noise2 = max(float(misfit.min()) / freedom, floor**2)
-    if stats.f.sf((constant - float(misfit.min())) / 3.0 / noise2, 3, freedom) > SIGNIFICANCE_LEVEL:
+    freedom = 2 * count - 5
+    least = float(coarse.misfit.min())
+    if stats.f.sf((constant - least) / 3.0 / max(least / freedom, floor**2), 3, freedom) > SIGNIFICANCE_LEVEL:
         return None
-    scale2 = np.maximum(misfit / freedom, floor**2)
-    log_weight = -0.5 * freedom * np.log(scale2) - 0.5 * misfit / scale2 + np.array([fit[2] for fit in fits])
-    weight = np.exp(log_weight - log_weight.max())
+    # The posterior of precise rates is narrower than a step of the first grid.
+    likely = np.flatnonzero(coarse.weight > NEGLIGIBLE * coarse.weight.max())
+    begin, end = max(likely[0] - 1, 0), min(likely[-1] + 1, DECAY_TIMES - 1)
+    fine = _scan(rates, np.geomspace(coarse.decay_s[begin], coarse.decay_s[end], DECAY_TIMES), floor)
+    fits, decay_s, weight, scale2 = fine.fits, fine.decay_s, fine.weight, fine.scale2
     rng = np.random.default_rng(3)
     chosen = rng.choice(DECAY_TIMES, DRAWS, p=weight / weight.sum())
     step = np.log(decay_s[1] / decay_s[0])

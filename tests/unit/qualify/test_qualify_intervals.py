@@ -43,9 +43,10 @@ def _rates(rng: np.random.Generator, count: int, decay_s: float, scatter: float)
     return DriftRates(time_s, rate, np.full((count, 2), 1e-5), 27.0, 28.0)
 
 
-def test_decay_time_final_rate_and_waiting_time_are_inside_their_intervals() -> None:
+@pytest.mark.parametrize("scatter", [1e-3, 1e-4])
+def test_decay_time_final_rate_and_waiting_time_are_inside_their_intervals(scatter: float) -> None:
     rng = np.random.default_rng(3)
-    decay_s, count = 300.0, 100
+    decay_s, count = 300.0, 60
     true = {
         "drift_decay": decay_s,
         "drift_rate_final": float(np.hypot(0.002, 0.004)),
@@ -53,12 +54,12 @@ def test_decay_time_final_rate_and_waiting_time_are_inside_their_intervals() -> 
     }
     inside = dict.fromkeys(true, 0)
     for _ in range(count):
-        found = {item.name: item for item in decay_results(_rates(rng, 12, decay_s, 1e-3))}
+        found = {item.name: item for item in decay_results(_rates(rng, 12, decay_s, scatter))}
         for name, value in true.items():
             figure = found[name]
             assert isinstance(figure, Figure)
             inside[name] += figure.low <= value <= figure.high
-    assert all(0.88 <= held / count <= 1.0 for held in inside.values()), inside
+    assert all(0.85 <= held / count <= 1.0 for held in inside.values()), inside
 
 
 def test_a_constant_rate_has_no_decay() -> None:
