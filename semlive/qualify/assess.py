@@ -138,7 +138,8 @@ def _sources(
 ) -> Sources:
     within = [pair.within for pair in evidence.pairs]
     scatter, own = _nearest(evidence), displacement_scatter(within)
-    white = max(white_noise(within))
+    # The uncertainties of a map also contain what the image noise does not explain; the prediction from one frame does not.
+    white = max(evidence.quality.median_sigma_px) or max(white_noise(within))
     measured = own.worst()[0] if own is not None else white
     first = evidence.pairs[0].decision.first
     row_s = first.timing.row_time_s.value
@@ -148,7 +149,7 @@ def _sources(
         image_share=white / measured if measured > 0.0 else 1.0,
         drift_strain=figures["drift_strain"].value if "drift_strain" in figures else 0.0,
         drift_strain_sigma=row_s * float(np.linalg.norm(rates.sigma_px_s[-1])),
-        false_strain_per_px=0.0 if draws is None else float(np.median(draws.strain_per_px)),
+        false_strain_per_px=0.0 if draws is None else draws.strain_per_px[0],
         false_strain_sigma_per_px=0.0 if draws is None else draws.sigma_per_px,
         row_start_per_px=0.0 if settling is None else settling.strain_per_px(GAUGE_PX),
         stage_residual_px=0.0 if stage is None else stage.value,

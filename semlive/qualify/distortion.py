@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semlive.data.drift import CalibrationQuality, DistortionField
 from semlive.estimate import Solution
-from semlive.qualify.intervals import quantiles
+from semlive.qualify.intervals import TAILS, Interval, quantiles
 from semlive.qualify.values import Figure, Result, Undetermined
 
 Array = NDArray[np.float64]
@@ -18,6 +18,8 @@ POINTS = 13
 HALF_SHIFT_PX = 4.0
 MIN_COVERED = 0.5
 DRAWS = 1000
+PLACE_SIGMAS = 3.0
+"""Standard uncertainties below the strain at a place that none of a hundred independent places exceeds in 90 % of cases."""
 COLUMNS = 40
 """Columns of the mean profile along rows in which a settling is searched."""
 LENGTHS = 16
@@ -35,12 +37,12 @@ class DistortionDraws:
 
     Attributes:
         largest_px: (d,) largest length of the distortion, affine part removed.
-        strain_per_px: (d,) largest false strain of a gauge per px of shift, over exx, eyy, exy, both shifts and all places.
+        strain_per_px: largest false strain of a gauge per px of shift, over exx, eyy, exy, both shifts and all places, with its interval.
         sigma_per_px: standard uncertainty of one such strain, root mean square.
     """
 
     largest_px: Array
-    strain_per_px: Array
+    strain_per_px: Interval
     sigma_per_px: float
 
 
@@ -96,7 +98,11 @@ def draw_distortion(solution: Solution, field: DistortionField, gauge_px: float)
         largest[at] = np.linalg.norm(without_affine(spline.field(drawn, *outer), *outer), axis=1).max()
         strains[at] = gauge_strain_per_px(np.stack([spline.field(drawn, *points) for points in offsets]), gauge_px).ravel()
     sigma = float(np.sqrt(np.mean(strains[1:].var(axis=0))))
-    return DistortionDraws(largest[1:], np.abs(strains[1:]).max(axis=1), sigma)
+    # Draws of the largest of 1014 strains exceed the true one where noise and strain are of one size: their quantiles held it in 11 of 30
+    # simulated microscopes. The lower end is therefore that of the strains one by one.
+    size, spread = np.abs(strains[0]), strains[1:].std(axis=0)
+    low = max(float(np.max(size - PLACE_SIGMAS * spread)), 0.0)
+    return DistortionDraws(largest[1:], (float(size.max()), low, float(np.quantile(np.abs(strains[1:]).max(axis=1), TAILS[1]))), sigma)
 
 
 def distortion_results(
@@ -113,7 +119,7 @@ def distortion_results(
     note = f"largest over the calibrated part of the frame, gauge of {gauge_px:.0f} px"
     return [
         Figure("distortion", "largest distortion", *quantiles(draws.largest_px), "px", note="without its affine part"),
-        Figure("false_strain_per_px", "false strain per px of shift, not corrected", *quantiles(draws.strain_per_px), "1/px", note=note),
+        Figure("false_strain_per_px", "false strain per px of shift, not corrected", *draws.strain_per_px, "1/px", note=note),
     ], draws
 
 
@@ -157,7 +163,9 @@ def row_start(solution: Solution, field: DistortionField) -> RowStart | None:
     whiten = (vectors / np.sqrt(np.maximum(size, 1e-6 * size[-1]))).T
     begin = _best_exponential(x - x[0], profile, whiten)
     end = _best_exponential(x[-1] - x, profile, whiten)
-    if begin.gain - end.gain < max(MIN_GAIN, MIN_GAIN_PER_MISFIT * begin.misfit):
+    # The longest length without an optimum below it is a smooth distortion: that of the paper gained 264 so, without settling.
+    longest = begin.length_px > 0.99 * LONGEST_SHARE * float(np.ptp(x))
+    if longest or begin.gain - end.gain < max(MIN_GAIN, MIN_GAIN_PER_MISFIT * begin.misfit):
         return None
     return RowStart((float(begin.amplitude_px[0]), float(begin.amplitude_px[1])), begin.length_px)
 

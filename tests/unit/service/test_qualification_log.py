@@ -67,7 +67,7 @@ def _write(path: Path, *, images: bool = True) -> None:
         writer.finish()
 
 
-def test_pairs_under_load_are_left_out(tmp_path: Path) -> None:
+def test_pairs_under_load_are_omitted(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     _write(path)
     assert is_log(path)
