@@ -51,6 +51,12 @@ COMMANDS = (
         "Show the scan parameters of exported images, the source of each value, and what is missing.",
         PANEL_SETUP,
     ),
+    CommandEntry(
+        "qualify",
+        "semlive.cli.before_run.qualify:qualify",
+        "Show what strain a microscope can measure, what limits it, and the recommended protocol, from frames without load.",
+        PANEL_SETUP,
+    ),
     CommandEntry("frame", "semlive.cli.before_run.frame:frame", "Check a load frame without moving it.", PANEL_SETUP),
     CommandEntry(
         "run",

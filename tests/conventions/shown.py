@@ -28,6 +28,7 @@ ELSEWHERE = {
     "doctor": "conventions/test_pages.py",
     "frame": "contract/test_cli_frame_check.py",
     "import": "contract/logs/test_cli_import.py",
+    "qualify": "contract/test_cli_qualify.py",
     "prune": "unit/service/test_retention.py",
     "reanalyse": "contract/logs/test_cli_reanalyse.py",
     "run": "browser/conftest.py",

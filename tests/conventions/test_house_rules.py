@@ -24,7 +24,22 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("semlive", "drivers", "simulators")
 TEXT = {".py", ".md", ".toml", ".yaml", ".yml", ".svg", ".html", ".css", ".js", ".json", ".sh", ".txt", ".cfg", ".service", ".rules", ""}
 SHELL_ROOMS = {
-    *("formats", "inputs", "ports", "process_lock", "endpoints", "errors", "service", "web", "report", "api", "cli", "pipeline", "__main__")
+    *(
+        "formats",
+        "inputs",
+        "ports",
+        "process_lock",
+        "endpoints",
+        "errors",
+        "service",
+        "web",
+        "report",
+        "api",
+        "cli",
+        "pipeline",
+        "qualify",
+        "__main__",
+    )
 }
 
 pytestmark = pytest.mark.checkout

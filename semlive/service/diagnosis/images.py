@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from semlive import dic
 from semlive.data.disparity import DisparityMap
 from semlive.data.frame import Frame
 from semlive.data.pair import PairDecision
@@ -21,17 +20,14 @@ from semlive.diagnose.intensity.frames import (
     pair_noise,
     to_8bit_levels,
 )
-from semlive.diagnose.rows.series import RowSeries, row_series
-from semlive.errors import BadInput
+from semlive.diagnose.rows.registration import register_pair_rows
+from semlive.diagnose.rows.series import RowSeries
 from semlive.formats.log.messages import SEM_ORIGINAL
 from semlive.formats.log.reader import LogMessage
 from semlive.service.log.image_pairs import ImagedPair, PairFiles
 
 MAX_PAIRS = 40
 """Maximum number of pairs for the row and intensity channels; 30 MB of row data."""
-PIECE_PX = 42.0
-"""Width of a row segment: a quarter of the wavelength of 60 Hz at 0.1 ms per pixel; registration needs 40 px."""
-MAX_SEGMENTS = 24
 NO_ROW_IMAGES = (
     "the log holds no images, so rows cannot be registered: "
     "hum, vibration and jitter, which disparity maps attenuate to a sixtieth, are not tested"
@@ -131,7 +127,7 @@ class ImageChannels:
         pair = self._files.imaged_pair(decision, maps)
         if pair is None:
             return
-        row_data = register_pair_rows(pair)
+        row_data = None if pair.within is None else register_pair_rows(pair.first, pair.second, pair.within)
         if row_data is not None:
             self._rows.append(row_data)
         self._grey.take(pair)
@@ -145,17 +141,3 @@ class ImageChannels:
             return ImageData((), NO_ROW_IMAGES, None, NO_IMAGES)
         intensity = self._grey.series()
         return ImageData(tuple(self._rows), "" if self._rows else NO_ROWS, intensity, "" if intensity is not None else NO_REFERENCE)
-
-
-def register_pair_rows(pair: ImagedPair) -> RowSeries | None:
-    """Row series of a pair; None if its rows cannot be registered."""
-    decision, within = pair.decision, pair.within
-    pieces = int(min(MAX_SEGMENTS, decision.first.width_px // PIECE_PX))
-    if within is None or pieces < 2:
-        return None
-    try:
-        shifts = dic.register_rows(pair.first.image, pair.second.image, within, segments=pieces)
-    except BadInput:
-        return None
-    timing = decision.first.timing
-    return row_series(shifts, timing.row_time_s.value, timing.dwell_time_s.value)

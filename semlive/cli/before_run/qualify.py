@@ -1,0 +1,155 @@
+"""`semlive qualify`: what strain a microscope can measure, what limits it, and a protocol, without a load frame."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from semlive.cli.shared.output_path import output_file, write_text
+from semlive.cli.shared.progress_bar import multi_stage_progress
+from semlive.cli.shared.report_files import pdf_option, write_report_files
+from semlive.cli.shared.terminal import echo
+from semlive.data.settings import ScanProfile
+from semlive.errors import BadInput
+from semlive.qualify.history import comparable, histories
+from semlive.qualify.values import Qualification
+from semlive.report.document.html_writer import html_page
+from semlive.report.qualification_report import change_text, figure_text, history_document, limiting_text, qualification_document
+from semlive.service.config.configuration import load_config
+from semlive.service.qualification.files import configuration_text, read_qualification, to_json
+from semlive.service.qualification.log_pairs import is_log
+from semlive.service.qualification.plan import plan_text
+from semlive.service.qualification.run import QualifyRequest, qualify_source
+
+_MICRO = 1e6
+
+
+def qualify(
+    instrument: Annotated[
+        Path | None, typer.Argument(help="Configuration of the instrument: write the run without load that qualifies it, and stop.")
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option("--from", help="Folder of exported frames, or a log; frames.csv in the folder gives times and shifts."),
+    ] = None,
+    history: Annotated[
+        list[Path] | None,
+        typer.Option("--history", help="File of an earlier qualification, or a folder of them; repeat the option for several files."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the result as JSON to this file, for --history.")] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="Write the report as a page, REPORT.html.")] = None,
+    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write the report as PDF too; needs semlive[pdf].")] = None,
+    protocol: Annotated[
+        Path | None, typer.Option("--protocol", help="Write the recommended protocol as a configuration for semlive run.")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", help="Configuration of a run; its scan profiles supply values that the files lack.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Do not search the maps for effects beyond drift and distortion.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Show what strain a microscope can measure, what limits it, and the recommended protocol, from frames without load."""
+    if sum(given is not None for given in (instrument, source, history)) != 1:
+        raise BadInput("give CONFIG of the instrument, --from FOLDER with frames or a log, or --history with earlier qualifications")
+    for path, option in ((out, "--out"), (report, "--report"), (protocol, "--protocol")):
+        if path is not None:
+            output_file(path, option)
+    pdf = pdf_option(pdf)
+    if instrument is not None:
+        _write_plan(instrument, protocol)
+        return
+    if history is not None:
+        _show_history(_qualifications(history), report, pdf, as_json)
+        return
+    assert source is not None  # checked above
+    profile = ScanProfile() if config is None else load_config(config).sem.scan_profile
+    with multi_stage_progress() as progress:
+        found = qualify_source(QualifyRequest(source, profile, search_effects=not quick), progress)
+    configuration = configuration_text(found, Path("sem-export") if is_log(source) else source.resolve())
+    if out is not None:
+        write_text(out, to_json(found))
+    if protocol is not None:
+        write_text(protocol, configuration)
+    document = qualification_document(found, configuration)
+    if report is not None:
+        write_text(report, html_page(document))
+    write_report_files(document, pdf, None)
+    if as_json:
+        typer.echo(to_json(found))
+        return
+    _print(found)
+
+
+def _write_plan(instrument: Path, protocol: Path | None) -> None:
+    """Write the qualifying run, or print it."""
+    text = plan_text(instrument)
+    if protocol is None:
+        typer.echo(text, nl=False)
+        return
+    write_text(protocol, text)
+    echo(f"{protocol}: semlive run {protocol}, then semlive qualify --from its log")
+
+
+def _print(found: Qualification) -> None:
+    console = Console()
+    table = Table(title="figures with 95 % intervals", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    for heading in ("figure", "value", "95 % interval", "unit"):
+        table.add_column(heading)
+    for figure in found.figures:
+        table.add_row(figure.title, *figure_text(figure), figure.unit)
+    console.print(table)
+    strain = Table(title="strain resolution, microstrain", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    for heading in ("gauge px", "gauge um", "noise", "95 % interval", "false strain", "corrected"):
+        strain.add_column(heading, justify="right")
+    for item in found.resolution:
+        values = (item.noise, item.noise_low, item.noise_high, item.systematic, item.systematic_corrected)
+        noise, low, high, systematic, corrected = (f"{_MICRO * value:.0f}" for value in values)
+        length = f"{item.gauge_um:.4g}" if item.gauge_um else ""
+        strain.add_row(str(item.gauge_px), length, noise, f"{low} to {high}", systematic, corrected)
+    if found.resolution:
+        console.print(strain)
+    for item in found.undetermined:
+        echo(f"not determined: {item.name}: {item.reason}; {item.remedy}")
+    for name in found.conditions.not_paired:
+        echo(f"without a pair: {name}")
+    echo(limiting_text(found))
+
+
+def _qualifications(paths: list[Path]) -> list[Qualification]:
+    """Qualifications of files and of all JSON files of folders.
+
+    Raises:
+        BadInput: a file is no qualification, or there are fewer than two.
+    """
+    files = [file for path in paths for file in (sorted(path.glob("*.json")) if path.is_dir() else [path])]
+    if len(files) < 2:
+        raise BadInput(f"--history {paths[0]}: {len(files)} qualifications; a comparison needs at least two, from semlive qualify -o")
+    return [read_qualification(file) for file in files]
+
+
+def _show_history(found: list[Qualification], report: Path | None, pdf: Path | None, as_json: bool) -> None:
+    series = histories(found)
+    document = history_document(found)
+    if report is not None:
+        write_text(report, html_page(document))
+    write_report_files(document, pdf, None)
+    if as_json:
+        figures = [
+            {"name": item.name, "time_ns": item.time_ns, "value": [figure.value for figure in item.figures], "worse": item.worse}
+            for item in series
+        ]
+        typer.echo(json.dumps({"comparable": comparable(found), "figures": figures}))
+        return
+    worse = [item for item in series if item.worse]
+    for item in worse:
+        echo(f"worse: {change_text(item)}")
+    if not worse:
+        echo("no figure became worse beyond both intervals")
+    if not comparable(found):
+        echo("frame size, pixel size or dwell time differ between the qualifications", err=True)

@@ -1,0 +1,187 @@
+"""From measurements to the result of a qualification."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from semlive.data.grid import Grid
+from semlive.data.scan import Provenance
+from semlive.qualify.distortion import DistortionDraws, RowStart, distortion_results, row_start
+from semlive.qualify.drift import DriftRates, decay_results, drift_rates, rate_results
+from semlive.qualify.evidence import Evidence
+from semlive.qualify.intervals import about
+from semlive.qualify.limits import REFERENCE_SHIFT_PX, Sources, largest_corrected, limits_of
+from semlive.qualify.noise import WINDOWS, Scatter, displacement_scatter, strain_scatter, white_noise
+from semlive.qualify.protocol import GAUGE_PX, recommend_protocol
+from semlive.qualify.scan import effect_figures, interval_results, row_results
+from semlive.qualify.stage import stage_results
+from semlive.qualify.values import (
+    FORMAT_VERSION,
+    Conditions,
+    Figure,
+    GaugeResolution,
+    Qualification,
+    Result,
+    Trend,
+    Undetermined,
+)
+
+UNKNOWN_TIMES = (Provenance.ASSUMED, Provenance.UNKNOWN)
+PATTERN = "pattern of the first frame"
+
+
+def assess(
+    evidence: Evidence, source: str, not_paired: Sequence[str] = (), commands: Sequence[tuple[float, float] | None] = ()
+) -> Qualification:
+    """Derive figures, resolution, limits and protocol.
+
+    Args:
+        evidence: measurements.
+        source: name of the folder or log.
+        not_paired: frames without a pair, each with the reason.
+        commands: commanded shift of each pair, px; None where it is not given; empty if none is.
+    """
+    conditions = _conditions(evidence, source, not_paired)
+    within = [pair.within for pair in evidence.pairs]
+    rates = drift_rates([(pair.decision.first, pair.decision.second) for pair in evidence.pairs], within)
+    timed = conditions.timed
+    bends, draws = distortion_results(evidence.solution, evidence.estimate.distortion, evidence.estimate.calibration, GAUGE_PX)
+    settling = None if draws is None else row_start(evidence.solution, evidence.estimate.distortion)
+    results: list[Result] = [
+        *_pattern(evidence),
+        *_noise(evidence),
+        *rate_results(rates, conditions.row_s, conditions.pixel_nm, timed=timed),
+        *(decay_results(rates) if timed else ()),
+        *interval_results([(pair.decision.first, pair.decision.second) for pair in evidence.pairs]),
+        *row_results(evidence.rows, evidence.no_rows),
+        *bends,
+        *_settling(settling, draws is not None),
+        *stage_results(list(commands) or [None] * len(evidence.pairs), evidence.estimate.motions),
+        *_effects(evidence),
+    ]
+    figures = tuple(result for result in results if isinstance(result, Figure))
+    undetermined = tuple(result for result in results if isinstance(result, Undetermined))
+    by_name = {figure.name: figure for figure in figures}
+    sources = _sources(evidence, rates, draws, settling, by_name)
+    resolution = tuple(_resolution(evidence, conditions, sources))
+    limits = limits_of(sources)
+    return Qualification(
+        FORMAT_VERSION, conditions, figures, undetermined, resolution, limits, limits[0].name if limits else "", largest_corrected(limits),
+        recommend_protocol(conditions, by_name, evidence.choice),
+    )  # fmt: skip
+
+
+def _conditions(evidence: Evidence, source: str, not_paired: Sequence[str]) -> Conditions:
+    first = evidence.pairs[0].decision.first
+    timing, pairs = first.timing, len(evidence.pairs)
+    return Conditions(
+        source, first.start_time_ns.value, 2 * pairs + len(not_paired), pairs, first.width_px, first.height_px, timing.dwell_time_s.value,
+        timing.row_time_s.value, timing.duration_s, 1e9 * first.pixel_size_m.value, first.vendor,
+        first.start_time_ns.source not in UNKNOWN_TIMES, tuple(not_paired),
+    )  # fmt: skip
+
+
+def _pattern(evidence: Evidence) -> Iterator[Figure]:
+    quality = evidence.quality
+    speckle = min(quality.speckle_x_px, quality.speckle_y_px)
+    for name, title, value, unit, worse in (
+        ("contrast", "contrast of the pattern", quality.contrast_grey, "grey levels", Trend.SMALLER),
+        ("image_noise", "noise of a pixel", quality.noise_grey, "grey levels", Trend.LARGER),
+        ("saturated", "saturated pixels", 100.0 * quality.saturated_fraction, "%", Trend.LARGER),
+        ("speckle", "speckle size", speckle, "px", Trend.NONE),
+    ):
+        # The sampling error of a frame of 200,000 pixels is below the difference of two frames, which is not measured here.
+        yield Figure(name, title, value, value, value, unit, worse, PATTERN)
+
+
+def _noise(evidence: Evidence) -> Iterator[Result]:
+    found = False
+    own = evidence.settings.dic.subset_px
+    by_size = {own: [pair.within for pair in evidence.pairs]}
+    for pair in evidence.pairs:
+        for disparity in pair.by_subset:
+            if disparity.grid.subset_px != own:
+                by_size.setdefault(disparity.grid.subset_px, []).append(disparity)
+    for size in sorted(by_size):
+        scatter = displacement_scatter(by_size[size])
+        if scatter is not None:
+            found = True
+            note = "of a displacement between the two frames of a pair, the noisier axis"
+            yield Figure(f"noise_{size}", f"noise with a subset of {size} px", *scatter.worst(), "px", note=note)
+    if not found:
+        yield Undetermined("noise", "the frames are too small for a scatter of subsets", "take frames of at least 256 x 256 px")
+
+
+def _settling(settling: RowStart | None, calibrated: bool) -> list[Result]:
+    if not calibrated:
+        reason = "the distortion is not determined, and settling is part of it"
+        return [Undetermined("row_start_settling", reason, "take pairs at shifted positions")]
+    if settling is None:
+        return [Undetermined("row_start_settling", "no settling at the row start is significant", "none is needed")]
+    remedy = "repeat with another dwell time and another magnification, then run `semlive experiment row-start`"
+    reason = f"settling at the row start is significant, about {settling.length_px:.0f} px long, but one dwell does not determine its law"
+    return [Undetermined("row_start_law", reason, remedy)]
+
+
+def _effects(evidence: Evidence) -> Iterator[Result]:
+    if evidence.no_effects:
+        yield Undetermined("further_effects", evidence.no_effects, "take at least five pairs, some of them shifted")
+    for effect in evidence.effects:
+        yield from effect_figures(effect)
+        yield Figure(f"{effect.name}_peak", f"{effect.name.replace('_', ' ')}: largest displacement", *about(effect.peak_px, 0.0), "px")
+
+
+def _sources(
+    evidence: Evidence, rates: DriftRates, draws: DistortionDraws | None, settling: RowStart | None, figures: dict[str, Figure]
+) -> Sources:
+    within = [pair.within for pair in evidence.pairs]
+    scatter, own = _nearest(evidence), displacement_scatter(within)
+    # The uncertainties of a map also contain what the image noise does not explain; the prediction from one frame does not.
+    white = max(evidence.quality.median_sigma_px) or max(white_noise(within))
+    measured = own.worst()[0] if own is not None else white
+    first = evidence.pairs[0].decision.first
+    row_s = first.timing.row_time_s.value
+    stage = figures.get("stage_residual")
+    return Sources(
+        noise=0.0 if scatter is None else scatter.worst()[0],
+        image_share=white / measured if measured > 0.0 else 1.0,
+        drift_strain=figures["drift_strain"].value if "drift_strain" in figures else 0.0,
+        drift_strain_sigma=row_s * float(np.linalg.norm(rates.sigma_px_s[-1])),
+        false_strain_per_px=0.0 if draws is None else draws.strain_per_px[0],
+        false_strain_sigma_per_px=0.0 if draws is None else draws.sigma_per_px,
+        row_start_per_px=0.0 if settling is None else settling.strain_per_px(GAUGE_PX),
+        stage_residual_px=0.0 if stage is None else stage.value,
+        half_frame_px=0.5 * min(first.width_px, first.height_px),
+        row_effects=() if evidence.rows is None else evidence.rows.effects,
+        map_effects=evidence.effects,
+    )
+
+
+def _nearest(evidence: Evidence) -> Scatter | None:
+    """Scatter of the strain of the gauge nearest to the reference gauge."""
+    found = [scatter for scatter in _gauges(evidence) if scatter is not None]
+    return min(found, key=lambda scatter: abs(scatter.size_px - GAUGE_PX)) if found else None
+
+
+def _gauges(evidence: Evidence) -> list[Scatter | None]:
+    within = [pair.within for pair in evidence.pairs]
+    return [strain_scatter(within, window) for window in _windows(within[0].grid)]
+
+
+def _windows(grid: Grid) -> tuple[int, ...]:
+    """Gauges in points; one of them has the length of the reference gauge if the subset allows."""
+    reference = max(2 * round((GAUGE_PX - grid.subset_px) / (2 * grid.step_px)), 2) + 1
+    return tuple(sorted({*WINDOWS, reference}))
+
+
+def _resolution(evidence: Evidence, conditions: Conditions, sources: Sources) -> Iterator[GaugeResolution]:
+    shifted = REFERENCE_SHIFT_PX * sources.false_strain_per_px
+    corrected = REFERENCE_SHIFT_PX * sources.false_strain_sigma_per_px
+    systematic = float(np.hypot(shifted, sources.drift_strain))
+    remaining = float(np.hypot(corrected, sources.drift_strain_sigma))
+    for scatter in _gauges(evidence):
+        if scatter is not None:
+            length_um = 1e-3 * conditions.pixel_nm * scatter.size_px
+            yield GaugeResolution(scatter.size_px, length_um, *scatter.worst(), systematic, remaining)

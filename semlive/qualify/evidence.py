@@ -1,0 +1,163 @@
+"""Measurements of frames: one pair after the other, then the joint estimate, and the verdict on the rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from semlive import dic, pipeline
+from semlive.data.diagnosis.channels import RowDiagnosis
+from semlive.data.diagnosis.effects import EMPTY_MODEL, IdentifiedEffect
+from semlive.data.disparity import DisparityMap
+from semlive.data.drift import EstimateRevision
+from semlive.data.frame import Frame, PatternQuality
+from semlive.data.pair import Pair, PairDecision
+from semlive.data.settings import AnalysisSettings, DicSettings
+from semlive.diagnose.baseline.observation import baseline_solution, make_observation, step_conditions
+from semlive.diagnose.maps.verdict import diagnose
+from semlive.diagnose.rows.registration import register_pair_rows
+from semlive.diagnose.rows.series import RowSeries
+from semlive.diagnose.rows.verdict import diagnose_rows
+from semlive.errors import BadInput, IllPosed
+from semlive.estimate import EstimatorState, Solution
+from semlive.pipeline import AnalysisState
+from semlive.qualify.noise import SUBSETS_PX
+
+MAX_NOISE_PAIRS = 12
+"""Pairs correlated with each subset size: the scatter of 12 maps of 500 points is determined to 2 %."""
+POINTS_PER_SUBSET = 3
+"""Points along a subset in the maps of the noise; more have no new information about a scatter."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairMeasurement:
+    """Measurements of one pair.
+
+    Attributes:
+        decision: the pair.
+        within: map from its first to its second frame.
+        by_subset: maps with other subset sizes.
+        rows: row series; None if the rows cannot be registered.
+    """
+
+    decision: PairDecision
+    within: DisparityMap
+    by_subset: tuple[DisparityMap, ...]
+    rows: RowSeries | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """All measurements.
+
+    Attributes:
+        settings: of the analysis.
+        quality: pattern of the first frame.
+        choice: recommended correlation for it.
+        pairs: measurements of the pairs.
+        solution: joint estimate of all pairs.
+        estimate: drift, distortion and motions of the solution.
+        rows: verdict on the rows; None without one.
+        no_rows: reason for a missing verdict on the rows.
+        effects: effects that the maps show beyond drift and distortion.
+        no_effects: reason for a missing search of effects; empty if it was made.
+    """
+
+    settings: AnalysisSettings
+    quality: PatternQuality
+    choice: dic.CorrelationChoice
+    pairs: tuple[PairMeasurement, ...]
+    solution: Solution
+    estimate: EstimateRevision
+    rows: RowDiagnosis | None
+    no_rows: str
+    effects: tuple[IdentifiedEffect, ...]
+    no_effects: str
+
+
+def first_settings(frame: Frame, settings: AnalysisSettings) -> tuple[AnalysisSettings, dic.CorrelationChoice]:
+    """Settings with the recommended subset and step for a frame, by subsets, for the complete frame, and the recommendation.
+
+    Raises:
+        BadInput: no subset fits into the frame.
+    """
+    choice = dic.recommend(frame.image, replace(settings.dic, roi_px=None))
+    correlation = replace(settings.dic, roi_px=None, subset_px=choice.subset_px, step_px=max(choice.step_px, 1), method=choice.method)
+    return replace(settings, dic=correlation, model=EMPTY_MODEL, estimate=replace(settings.estimate, method="joint")), choice
+
+
+def measure_pair(
+    settings: AnalysisSettings, state: AnalysisState | None, pair: Pair, by_subset: bool
+) -> tuple[AnalysisState, PairMeasurement]:
+    """Correlate a pair and add it to the estimate.
+
+    Args:
+        settings: of the analysis.
+        state: after the previous pair; None before the first.
+        pair: the pair.
+        by_subset: also correlate it with the other subset sizes.
+
+    Raises:
+        IllPosed: no point of the pair was found.
+    """
+    state = state or pipeline.start(settings, pair.first)
+    maps = pipeline.correlate(state, pair)
+    number = pair.decision.pair
+    within = next(found for found in maps if (found.reference, found.current) == (2 * number, 2 * number + 1))
+    sizes = SUBSETS_PX if by_subset else ()
+    others = tuple(found for size in sizes if (found := _with_subset(settings.dic, pair, size)) is not None)
+    rows = register_pair_rows(pair.first, pair.second, within)
+    return pipeline.accumulate(state, pair.decision, maps), PairMeasurement(pair.decision, within, others, rows)
+
+
+def _with_subset(settings: DicSettings, pair: Pair, subset_px: int) -> DisparityMap | None:
+    """The map within a pair with another subset; None if too few subsets fit or are found."""
+    changed = replace(settings, subset_px=subset_px, step_px=max(subset_px // POINTS_PER_SUBSET, 1), method="subset")
+    try:
+        grid = dic.grid_for(changed, pair.first.info.width_px, pair.first.info.height_px)
+    except BadInput:
+        return None
+    found = dic.correlate(dic.prepare(pair.first.image, grid, changed), pair.second.image, changed, reference_frame=0, current_frame=1)
+    return found if 2 * int(found.valid.sum()) > found.valid.size else None
+
+
+def conclude(
+    first: Frame, choice: dic.CorrelationChoice, state: AnalysisState, pairs: Sequence[PairMeasurement], *, search_effects: bool = True
+) -> Evidence:
+    """Solve for all pairs together, and search the rows and the maps for further effects.
+
+    Args:
+        first: first frame.
+        choice: recommended correlation for it.
+        state: after the last pair.
+        pairs: measurements of all pairs.
+        search_effects: search the maps for effects beyond drift and distortion.
+
+    Raises:
+        IllPosed: the pairs do not determine an estimate.
+    """
+    solution = pipeline.solve(state)
+    assert isinstance(solution, Solution)  # of the joint method
+    estimate = state.method.to_estimate(solution, revision=len(pairs))
+    rows, no_rows = _rows([pair.rows for pair in pairs if pair.rows is not None])
+    effects, no_effects = _effects(state) if search_effects else ((), "the search was not requested")
+    pattern = dic.quality(first.image, state.grid, state.settings.dic)
+    return Evidence(state.settings, pattern, choice, tuple(pairs), solution, estimate, rows, no_rows, effects, no_effects)
+
+
+def _rows(series: Sequence[RowSeries]) -> tuple[RowDiagnosis | None, str]:
+    if not series:
+        return None, "no pair could be registered row by row"
+    try:
+        return diagnose_rows(series), ""
+    except IllPosed as error:
+        return None, str(error)
+
+
+def _effects(state: AnalysisState) -> tuple[tuple[IdentifiedEffect, ...], str]:
+    assert isinstance(state.estimator_state, EstimatorState)  # of the joint method
+    try:
+        solution, alternative = baseline_solution(state.estimator_state)
+        return diagnose(make_observation(solution, step_conditions(state.pairs), alternative)).effects, ""
+    except IllPosed as error:
+        return (), str(error)

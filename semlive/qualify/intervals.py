@@ -1,0 +1,74 @@
+"""95 % intervals of scatter, of means and of functions of normal parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Array = NDArray[np.float64]
+Interval = tuple[float, float, float]
+"""Value, lower and upper end."""
+LEVEL = 0.95
+TAILS = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
+NORMAL_95 = float(stats.norm.ppf(TAILS[1]))
+MIN_GROUPS = 5
+"""Fewer independent values do not determine their own scatter."""
+
+
+def scatter_interval(variances: Array, independent: float) -> Interval:
+    """Standard deviation common to several samples, with its 95 % interval.
+
+    Args:
+        variances: (k,) variance of each sample.
+        independent: number of independent values in each sample.
+
+    Returns:
+        Value, lower and upper end. With at least five samples their own scatter is used if it exceeds that of independent values.
+    """
+    count = len(variances)
+    mean = float(np.mean(variances))
+    if mean <= 0.0:
+        return 0.0, 0.0, 0.0
+    freedom = max(count * independent, 1.0)
+    low, high = (float(np.sqrt(mean * freedom / stats.chi2.ppf(tail, freedom))) for tail in reversed(TAILS))
+    if count >= MIN_GROUPS:
+        half = float(stats.t.ppf(TAILS[1], count - 1) * np.std(variances, ddof=1) / np.sqrt(count)) / (2.0 * mean)
+        low, high = min(low, float(np.sqrt(mean)) * (1.0 - half)), max(high, float(np.sqrt(mean)) * (1.0 + half))
+    return float(np.sqrt(mean)), max(low, 0.0), high
+
+
+def magnitude_interval(vector: Array, sigma: Array, seed: int) -> Interval:
+    """Length of a vector with independent normal errors, with its 95 % interval.
+
+    The length of a measured vector is larger than the true one on average; the interval contains zero if the errors exceed the vector.
+
+    Args:
+        vector: (k,) measured components.
+        sigma: (k,) their standard uncertainties.
+        seed: of the draws.
+    """
+    length = float(np.linalg.norm(vector))
+    noise = float(np.sqrt(np.mean(sigma**2)))
+    if length < 3.0 * noise:
+        draws = np.linalg.norm(vector + sigma * np.random.default_rng(seed).standard_normal((2000, len(vector))), axis=1)
+        return length, 0.0, float(np.quantile(draws, LEVEL))
+    along = float(np.sqrt(np.sum((vector / length * sigma) ** 2)))
+    return length, max(length - NORMAL_95 * along, 0.0), length + NORMAL_95 * along
+
+
+def scaled(interval: Interval, factor: float) -> Interval:
+    """Value and ends of an interval in another unit, for a positive factor."""
+    value, low, high = interval
+    return factor * value, factor * low, factor * high
+
+
+def about(value: float, half: float) -> Interval:
+    """A value with its symmetric interval."""
+    return value, value - half, value + half
+
+
+def quantiles(draws: Array) -> Interval:
+    """Median and 95 % interval of draws."""
+    low, middle, high = np.quantile(draws, (TAILS[0], 0.5, TAILS[1]))
+    return float(middle), float(low), float(high)

@@ -1,0 +1,1 @@
+"""Qualification of a microscope from a folder of frames or a log."""

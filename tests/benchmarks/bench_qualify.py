@@ -1,0 +1,154 @@
+"""Qualification: coverage of the stated intervals, and the limiting effect of simulated microscopes.
+
+    python tests/benchmarks/bench_qualify.py [--maps N] [--scenarios NAME ...]
+
+`--maps N` draws N microscopes (7 calibration pairs of 30 x 24 points with drift, distortion and noise of the simulators' code, no images)
+and counts the intervals that hold the truth. `--scenarios` renders the frames of scenarios `qualify_*` and evaluates them by the command's
+code. Exit code 1 if a coverage is below 88 % or an effect is named wrongly.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numexp.coverage import CALIBRATION_PAIRS, GRID, SMALL, WINDOW_POINTS
+from numexp.experiment import Experiment, make_experiment
+from numexp.world import HEIGHT_PX, WIDTH_PX, Field
+
+from semlive import estimate
+from semlive.data.settings import EstimateSettings
+from semlive.qualify.distortion import HALF_SHIFT_PX, draw_distortion, gauge_strain_per_px, sample_points, stencil, without_affine
+from semlive.qualify.drift import pair_rate
+from semlive.qualify.intervals import magnitude_interval, quantiles
+from semlive.qualify.noise import displacement_scatter
+from semlive.qualify.protocol import GAUGE_PX
+from semlive.service.qualification.run import QualifyRequest, qualify_source
+from semlive_simulators.scenario import load_scenario
+from semlive_simulators.simulate import simulate
+
+FIRST_SEED = 20_000
+MIN_COVERAGE = 0.88
+"""Smallest coverage of 60 draws that 95 % intervals reach in 98 of 100 benchmarks."""
+LIMITING = {
+    "qualify_good": "image_noise",
+    "qualify_warm_tungsten": "drift",
+    "qualify_hum": "mains_hum",
+    "qualify_slow_settling": "row_start_settling",
+}
+"""The effect of each simulated microscope; it must be the limit without or with correction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A stated interval with its truth.
+
+    Attributes:
+        name: of the figure.
+        true: true value.
+        interval: value, lower and upper end.
+    """
+
+    name: str
+    true: float
+    interval: tuple[float, float, float]
+
+    @property
+    def inside(self) -> bool:
+        """Whether the interval holds the truth."""
+        return self.interval[1] <= self.true <= self.interval[2]
+
+
+def checked(seed: int) -> list[Checked]:
+    """Figures of one simulated microscope. Noise is shared over subsets, as that of a correlation is."""
+    experiment = make_experiment(SMALL["correlated"], seed, GRID, CALIBRATION_PAIRS)
+    state = estimate.init(EstimateSettings(window_points=WINDOW_POINTS), GRID, WIDTH_PX, HEIGHT_PX)
+    for taken in experiment.pairs:
+        state = estimate.update(state, taken.pair, taken.phase, taken.times, taken.maps)
+    solution = estimate.solve(state)
+    field = estimate.to_estimate(solution, 0).distortion
+    draws = draw_distortion(solution, field, GAUGE_PX)
+    outer, inner = sample_points(field, 0.0), sample_points(field, 0.5 * GAUGE_PX + HALF_SHIFT_PX)
+
+    def bend(x: Field, y: Field) -> Field:
+        return experiment.world.bend_px(np.column_stack((x, y)))
+
+    largest = float(np.linalg.norm(without_affine(bend(*outer), *outer), axis=1).max())
+    strain = np.abs(gauge_strain_per_px(np.stack([bend(*points) for points in stencil(*inner, GAUGE_PX)]), GAUGE_PX)).max()
+    return [
+        Checked("distortion", largest, quantiles(draws.largest_px)),
+        Checked("false_strain_per_px", float(strain), draws.strain_per_px),
+        _drift(experiment),
+        _noise(experiment),
+    ]
+
+
+def _drift(experiment: Experiment) -> Checked:
+    """Rate of the last calibration pair; the truth is the mean motion from frame to frame."""
+    taken = experiment.pairs[CALIBRATION_PAIRS - 1]
+    interval_s = taken.times[1].start_s - taken.times[0].start_s
+    x, y = (axis.ravel() for axis in GRID.mesh())
+    drift = experiment.world.column.drift
+    before, after = (drift.at(when.start_s + when.timing.time_in_frame_s(x, y)).mean(axis=0) for when in taken.times)
+    return Checked(
+        "drift_rate",
+        float(np.linalg.norm(after - before)) / interval_s,
+        magnitude_interval(*pair_rate(taken.maps[0], interval_s, 0.0, taken.times[0].timing.row_time_s.value), 1),
+    )
+
+
+def _noise(experiment: Experiment) -> Checked:
+    scatter = displacement_scatter([taken.maps[0] for taken in experiment.pairs[:CALIBRATION_PAIRS]])
+    assert scatter is not None  # the grid is large enough
+    return Checked("noise", experiment.case.noise_px, scatter.worst())
+
+
+def coverage(count: int) -> dict[str, list[Checked]]:
+    """Checked intervals of many microscopes by figure."""
+    found: dict[str, list[Checked]] = {}
+    for number in range(count):
+        for item in checked(FIRST_SEED + number):
+            found.setdefault(item.name, []).append(item)
+        sys.stderr.write(f"\r{number + 1}/{count} ")
+    sys.stderr.write("\n")
+    return found
+
+
+def limiting(name: str, *, search_effects: bool = True) -> tuple[str, str]:
+    """Limiting effect of a scenario without and with correction, by the frames that it renders."""
+    with tempfile.TemporaryDirectory(prefix="semlive-") as folder:
+        for _ in simulate(load_scenario(name), Path(folder), None):
+            pass
+        found = qualify_source(QualifyRequest(Path(folder) / "export", search_effects=search_effects))
+    return found.limiting, found.limiting_corrected
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print both tables; returns the exit code."""
+    parser = argparse.ArgumentParser(description="Coverage of intervals, and limiting effects.")
+    parser.add_argument("--maps", type=int, default=60)
+    parser.add_argument("--scenarios", nargs="*", choices=list(LIMITING), default=list(LIMITING))
+    given = parser.parse_args(argv)
+    good = True
+    for name, items in coverage(given.maps).items():
+        share, true = np.mean([item.inside for item in items]), np.array([item.true for item in items])
+        error = np.sqrt(np.mean([(item.interval[0] / item.true - 1.0) ** 2 for item in items]))
+        half = np.median([0.5 * (item.interval[2] - item.interval[1]) / item.true for item in items])
+        good &= share >= MIN_COVERAGE or given.maps < 20
+        size = f"{true.min():.3g} to {true.max():.3g} | {100 * error:.1f} % | {100 * half:.1f} %"
+        sys.stdout.write(f"| {name} | {100 * share:.0f} % of {len(items)} | {size} |\n")
+    for name in given.scenarios:
+        found = limiting(name)
+        good &= LIMITING[name] in found
+        sys.stdout.write(f"| {name} | {LIMITING[name]} | {found[0]} | {found[1]} |\n")
+        sys.stdout.flush()
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

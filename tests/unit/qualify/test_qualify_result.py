@@ -1,0 +1,96 @@
+"""Limits are named by their size, files can be read again, and a change counts beyond both intervals only."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from semlive.errors import BadInput
+from semlive.qualify.history import histories
+from semlive.qualify.limits import Sources, largest_corrected, limits_of
+from semlive.qualify.pairing import FrameStep, pair_frames
+from semlive.qualify.values import FORMAT_VERSION, Conditions, Figure, Protocol, Qualification, Trend, Undetermined
+from semlive.report.document.html_writer import html_page
+from semlive.report.qualification_report import figure_text, history_document
+from semlive.service.config.configuration import load_config
+from semlive.service.qualification.files import configuration_text, read_qualification, to_json
+
+CONDITIONS = Conditions("folder", 1_767_600_000_000_000_000, 18, 9, 512, 442, 1e-4, 0.06, 26.52, 1250.0, "fei", True)
+PROTOCOL = Protocol(600.0, 0.01, 2.0, 31, 3, 19, ((0.0, 0.0), (12.0, 0.0), (0.0, -12.0)), 26.5, 20.0)
+USUAL = Sources(6e-4, 1.0, 1e-5, 1e-6, 1e-5, 1e-6, 0.0, 0.2, 221.0)
+
+
+def _result(drift: Figure, days: int = 0) -> Qualification:
+    conditions = replace(CONDITIONS, time_ns=CONDITIONS.time_ns + days * 86_400_000_000_000)
+    missing = (Undetermined("stage", "no positions are given", "give them"),)
+    return Qualification(FORMAT_VERSION, conditions, (drift,), missing, (), (), "", "", PROTOCOL)
+
+
+DRIFT = Figure("drift_rate", "drift rate at the last pair", 0.004, 0.0039, 0.0041, "px/s")
+
+
+@pytest.mark.parametrize(
+    ("changed", "limiting"),
+    [
+        ({}, "image_noise"),
+        ({"drift_strain": 3e-3}, "drift"),
+        ({"false_strain_per_px": 3e-4}, "distortion"),
+        ({"false_strain_per_px": 3e-4, "row_start_per_px": 2e-4}, "row_start_settling"),
+        ({"false_strain_per_px": 1e-4, "stage_residual_px": 20.0}, "stage"),
+        ({"image_share": 0.3}, "unexplained_noise"),
+    ],
+)
+def test_the_largest_error_is_the_limit(changed: dict[str, float], limiting: str) -> None:
+    limits = limits_of(replace(USUAL, **changed))
+    assert limits[0].name == limiting
+    assert limits[0].remedy
+
+
+def test_correction_changes_the_limit() -> None:
+    limits = limits_of(replace(USUAL, drift_strain=3e-3))
+    assert (limits[0].name, largest_corrected(limits)) == ("drift", "image_noise")
+
+
+def test_pairs_are_frames_without_a_move_between_them() -> None:
+    still, moved, other = FrameStep((0.3, -0.2), 0.5, True), FrameStep((12.0, 0.0), 0.5, True), FrameStep((0.0, 0.0), 0.0, False)
+    assert pair_frames([still, moved, still, moved, still]) == ((0, 1), (2, 3), (4, 5))
+    assert pair_frames([still, still, still]) == ((0, 1), (2, 3))
+    assert pair_frames([moved, still, other, moved]) == ((1, 2),)
+
+
+def test_a_file_is_read_again_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "january.json"
+    path.write_text(to_json(_result(DRIFT)), encoding="utf-8")
+    assert read_qualification(path) == _result(DRIFT)
+    path.write_text("{}", encoding="utf-8")
+    with pytest.raises(BadInput, match="is no qualification"):
+        read_qualification(path)
+
+
+def test_the_protocol_is_a_configuration_of_a_run(tmp_path: Path) -> None:
+    path = tmp_path / "calibrated.yaml"
+    path.write_text(configuration_text(_result(DRIFT), tmp_path / "it's here"), encoding="utf-8")
+    config = load_config(path)
+    assert config.protocol.calibration_shifts_px == [(0.0, 0.0), (12.0, 0.0), (0.0, -12.0)]
+    assert (config.dic.subset_px, config.estimate.window_points, config.load_frame) == (31, 19, None)
+    # Twice the dwell of 0.1 ms for 512 columns adds 51.2 ms to a row.
+    assert config.sem.profile.row_time_s == pytest.approx(0.1112)
+    assert len(config.plan().steps) == 3
+
+
+def test_a_figure_is_worse_beyond_both_intervals_only() -> None:
+    slightly = replace(DRIFT, value=0.00415, low=0.00405, high=0.00425)
+    much = replace(DRIFT, value=0.006, low=0.0059, high=0.0061)
+    (near,) = histories([_result(slightly, 30), _result(DRIFT)])
+    (far,) = histories([_result(much, 30), _result(DRIFT)])
+    (better,) = histories([_result(DRIFT, 30), _result(much)])
+    assert (near.worse, far.worse, better.worse) == (False, True, False)
+    assert better.change is Trend.SMALLER
+    page = html_page(history_document([_result(much, 30), _result(DRIFT)]))
+    assert "drift rate at the last pair from 0.004 to 0.006 px/s" in page
+
+
+def test_digits_follow_the_interval() -> None:
+    assert figure_text(DRIFT) == ("0.004", "0.0039 to 0.0041")

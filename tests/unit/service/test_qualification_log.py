@@ -1,0 +1,87 @@
+"""A log gives its pairs before the first load, with the positions of the stage in pixels of the files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from semlive.data.experiment import Phase, Step
+from semlive.data.frame import ExportedFile
+from semlive.data.pair import PairDecision
+from semlive.errors import BadInput
+from semlive.formats import read_info
+from semlive.formats.log import conversions as values
+from semlive.formats.log.messages import SEM_ORIGINAL, FileMessage, RunMessage
+from semlive.formats.log.writer import LogWriter
+from semlive.service.config.configuration import parse_config
+from semlive.service.log.opened_log import OpenedLog
+from semlive.service.log.settings import settings_of
+from semlive.service.qualification.log_pairs import is_log, unloaded_pairs
+from semlive_simulators.exporters.image_metadata import ImageMetadata
+from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
+from semlive_simulators.scenario import load_scenario
+
+S, BEGIN_NS = 10**9, 1_772_439_825 * 10**9
+SCENARIO = load_scenario("rehearsal_short").scan
+CONFIG = {
+    "sem": {"folder": "export", "pixel_size_um": 1.25},
+    "stage": {"driver": "null"},
+    "protocol": {"calibration_shifts_px": [[0, 0], [12, 0]]},
+}
+STEPS = (
+    Step(0, Phase.CALIBRATION, (0.0, 0.0), (0.0, 0.0), None),
+    Step(1, Phase.CALIBRATION, (15.0, -2.5), (12.0, 0.0), None),  # recentred by -2 px along y
+    Step(2, Phase.TENSION, (0.0, 0.0), (0.0, 0.0), 100.0),
+)
+
+
+def _file(export: int) -> ExportedFile:
+    shape = (SCENARIO.height_px, SCENARIO.width_px)
+    image = np.random.default_rng(export).integers(0, 256, shape, dtype=np.uint8)
+    end_ns = BEGIN_NS + 30 * export * S
+    exporter = Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 0, "x", Vendor.FEI)
+    data = exporter.encode(image, ImageMetadata(SCENARIO, end_ns, 0, 0, export, f"x{export}.tif")).image
+    return ExportedFile(export, f"x{export}.tif", data, "", end_ns, end_ns)
+
+
+def _write(path: Path, *, images: bool = True) -> None:
+    profile = parse_config(CONFIG, "test").sem.scan_profile
+    with path.open("wb") as stream:
+        writer = LogWriter(stream)
+        writer.write("/run", RunMessage(run="a", started_time_ns=BEGIN_NS, host="h", versions={}, config=CONFIG), BEGIN_NS, BEGIN_NS)
+        for step in STEPS:
+            files = [_file(2 * step.step + member) for member in (0, 1)]
+            for file in files if images else ():
+                now_ns = file.arrival_time_ns
+                arrived = FileMessage(
+                    export=file.index, name=file.name, size=len(file.data), sha256="", mtime_ns=file.mtime_ns, arrival_time_ns=now_ns,
+                    decision="arrived", reason="",
+                )  # fmt: skip
+                writer.write("/sem/file", arrived, now_ns, now_ns)
+                writer.write(SEM_ORIGINAL, file.data, now_ns, now_ns, file.index)
+            first, second = (read_info(file, profile) for file in files)
+            decision = PairDecision(step.step, step, first, second, None)
+            writer.write("/pair", values.pair_message(decision), second.end_time_ns, second.end_time_ns)
+        writer.finish()
+
+
+def test_pairs_under_load_are_omitted(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    _write(path)
+    assert is_log(path)
+    assert is_log(tmp_path)
+    log = OpenedLog(path)
+    pairs = list(unloaded_pairs(log, settings_of(log.run).scan))
+    assert [pair.decision.pair for pair in pairs] == [0, 1]
+    assert pairs[1].decision.step.shift_px == pytest.approx((12.0, -2.0))
+    assert pairs[1].second.image.shape == (SCENARIO.height_px, SCENARIO.width_px)
+
+
+def test_a_log_without_images_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    _write(path, images=False)
+    log = OpenedLog(path)
+    with pytest.raises(BadInput, match="has no images"):
+        list(unloaded_pairs(log, settings_of(log.run).scan))
