@@ -198,7 +198,7 @@ def test_the_paper_is_matched_in_what_a_short_run_can_show(demo: Demo) -> None:
     distortion = figures.errors.distortion
     error_px, sigma_px = np.abs(distortion.error_px[distortion.valid]).max(axis=-1), distortion.sigma_px[distortion.valid]
     decided = 4.0 * sigma_px < DISTORTION_BAR_PX
-    assert decided.mean() > 0.5  # 0.96; on a busy computer, where the pauses between the pairs are longer, 0.77
+    assert decided.mean() > 0.9
     assert error_px[decided].max() <= DISTORTION_BAR_PX
     assert (error_px / sigma_px).max() < 4.5
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from semlive.mechanics.strain_gage import mean_gage_strain
 from semlive.model.effects import RunGeometry
 from semlive.model.effects.run_geometry import FrameSteps
 
+Value = TypeVar("Value")
 MIN_PAIRS = 5
 MIN_BLOCKS = 24
 STEADIEST_DRIFT_PRIOR = Smoothness(3, 3e-4)
@@ -176,6 +178,22 @@ def step_conditions(decisions: Sequence[PairDecision], hold_s: float = HOLD_S) -
         gage = None if decision.loads is None else mean_gage_strain(*decision.loads)
         conditions.append(StepConditions(decision.pair, decision.step.phase, load, decision.step.shift_px, hold_s, gage))
     return tuple(conditions)
+
+
+def evaluate_estimate(solution: Solution, decisions: Sequence[PairDecision], evaluate: Callable[[Observation], Value]) -> Value | None:
+    """Evaluate the observation of an estimate; None with too few pairs or points, or more pairs than one matrix holds.
+
+    Args:
+        solution: solution of the joint method after the newest pair.
+        decisions: decisions of all pairs.
+        evaluate: returns the value for an observation.
+    """
+    if len(decisions) < MIN_PAIRS or dense_limit(solution.state) < len(decisions):
+        return None
+    try:
+        return evaluate(make_observation(solution, step_conditions(decisions)))
+    except (IllPosed, np.linalg.LinAlgError):  # the run continues; `semlive diagnose` reports the reason
+        return None
 
 
 def _scene(

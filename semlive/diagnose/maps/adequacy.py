@@ -27,12 +27,10 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid, with_free_dis
 from semlive.diagnose.baseline.bayes_factor import project
 from semlive.diagnose.baseline.design_matrix import BaselineEffect, design
 from semlive.diagnose.baseline.noise_scale import residual_scale, rough_modes
-from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, make_observation, step_conditions
+from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, evaluate_estimate
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
 from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window
 from semlive.diagnose.maps.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts, fraction_waves
-from semlive.errors import IllPosed
-from semlive.estimate.joint.observations.accumulation import dense_limit
 from semlive.estimate.joint.observations.normal_equations import map_columns
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive.model.effects import RunGeometry
@@ -108,12 +106,7 @@ def adequacy_after(solution: Solution, decisions: Sequence[PairDecision]) -> Ade
         solution: solution of the joint method after the newest pair.
         decisions: decisions of all pairs.
     """
-    if len(decisions) < MIN_PAIRS or dense_limit(solution.state) < len(decisions):
-        return None
-    try:
-        return adequacy_of(make_observation(solution, step_conditions(decisions)))
-    except (IllPosed, np.linalg.LinAlgError):  # the run continues; `semlive diagnose` reports the reason
-        return None
+    return evaluate_estimate(solution, decisions, adequacy_of)
 
 
 def adequacy_of(observation: Observation, whiten: Whitener | None = None, effects: Sequence[AllowedField] = ()) -> Adequacy:

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from semlive.data.notes import Note, NoteCode, warning
 from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.baseline import best_point
 from semlive.diagnose.baseline.bayes_factor import score_candidates
 from semlive.diagnose.baseline.noise_scale import noise_scaled_design
-from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, make_observation, step_conditions
+from semlive.diagnose.baseline.observation import Observation, evaluate_estimate
 from semlive.diagnose.maps.effect_selection import SIGNIFICANT_LOG_FACTOR
-from semlive.errors import IllPosed
-from semlive.estimate.joint.observations.accumulation import dense_limit
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive.model import RasterTerm
 from semlive.model.effects import EFFECT_CLASSES
@@ -78,12 +74,7 @@ def rival_after(solution: Solution, decisions: Sequence[PairDecision]) -> TermRi
         solution: solution of the joint method after the newest pair.
         decisions: decisions of all pairs.
     """
-    if len(decisions) < MIN_PAIRS or dense_limit(solution.state) < len(decisions):
-        return None
-    try:
-        return rival_of_terms(make_observation(solution, step_conditions(decisions)))
-    except (IllPosed, np.linalg.LinAlgError):  # `semlive diagnose` reports the reason
-        return None
+    return evaluate_estimate(solution, decisions, rival_of_terms)
 
 
 def rival_notes(rival: TermRival | None) -> tuple[Note, ...]:
