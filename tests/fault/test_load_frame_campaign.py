@@ -20,8 +20,9 @@ from peer_frame.healthy import healthy_runs
 from peer_frame.scenario import Group
 from peer_frame.verdict import Verdict, figures
 
-JOBS = 3
-"""Trials at the same time: they wait for the machine most of the time."""
+JOBS = 2
+"""Trials at the same time: they wait for the machine most of the time. With three, and other tests at the same time, a thread of a link did
+not run for 4 s, which is reported as a driver that hangs."""
 SHORT = chosen([], short=True, healthy=None)
 
 
