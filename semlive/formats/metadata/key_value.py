@@ -37,12 +37,12 @@ def parse_dollar_lines(text: str) -> dict[str, str]:
     return {key: value for key, value in _values(text, " ").items() if key.startswith("$")}
 
 
-def further_geometry(values: Mapping[str, str], known: Collection[str] = ()) -> tuple[str, ...]:
-    """Return keys with their values that are about the geometry of the scan by their names, other than the known ones.
+def further_geometry(values: Mapping[str, str], others: Collection[str] = ()) -> tuple[str, ...]:
+    """Return keys with their values that are about the geometry of the scan by their names, except those that are read elsewhere.
 
     No public file of the vendor contains them, so their values are compared as they are.
     """
-    names = {key: re.sub(r"[^a-z]", "", key.lower()) for key in values if key not in known and values[key]}
+    names = {key: re.sub(r"[^a-z]", "", key.lower()) for key in values if key not in others and values[key]}
     return tuple(f"{key} {values[key]}" for key, name in names.items() if _GEOMETRY.search(name))
 
 

@@ -45,7 +45,7 @@ _USED = (
 )
 """Numbers without which another value is used, or none."""
 _SWITCHES = ("EBeam/TiltCorrectionIsOn", "EBeam/DynamicFocusIsOn", "EBeam/DynamicWDIsOn", "Image/DriftCorrected")
-"""Their words and those of the passes of interlacing are reported if they are not understood."""
+"""Their texts and those of the passes of interlacing are reported if they are not understood."""
 _PRINTED = 1.00001  # factor for values that headers print with six digits
 
 

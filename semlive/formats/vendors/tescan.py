@@ -24,7 +24,7 @@ from semlive.formats.vendors.tiff import Directory, Tag
 _MAX_BLOCKS = 64
 _USED = ("ImageStripSize", "PixelSizeX", "PixelSizeY", "DwellTime", "AccFrames", "ScanRotation")
 """Numbers without which another value is used."""
-_KNOWN = ("TiltCorrection",)
+_READ_ELSEWHERE = ("TiltCorrection",)
 
 
 def read_header(data: bytes, directory: Directory, mtime_ns: int = 0) -> Header | None:
@@ -92,7 +92,9 @@ def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
             tilt_correction_deg=from_file(tilt_deg or None),
             pixel_height_m=from_file(y_m),
             drift_correction=Sourced(drift_corrected, Provenance.FILE) if averaging else None,
-            mode=text_from_file(", ".join(filter(None, (values.get("ScanMode", ""), *key_value.further_geometry(values, _KNOWN))))),
+            mode=text_from_file(
+                ", ".join(filter(None, (values.get("ScanMode", ""), *key_value.further_geometry(values, _READ_ELSEWHERE))))
+            ),
         ),
         refused=f"the microscope already corrected drift (AccType={averaging[:40]}); accumulate without it." if drift_corrected else None,
         notes=unread_notes((key, values.get(key, "")) for key in _USED) + _unread_tilt(tilt_deg, values) + time.notes,
