@@ -12,6 +12,8 @@ from semlive.inputs.text_table import ColumnSelector, Convention, Layout, decode
 
 _WINDOW_BYTES = 65_536
 """Bytes at the beginning in which the head is searched, and at the end in which the newest line is searched."""
+_SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+"""First bytes of XLSX (a ZIP archive) and XLS."""
 _CONTINUATION_BYTES = bytes(range(0x80, 0xC0))
 """Bytes within a character of UTF-8."""
 _MAX_HEAD_LINES = 200
@@ -69,6 +71,7 @@ class GrowingTable:
         head = start[: _end_of_lines(start, width)]
         if path != self._path or self._layout is None or not start.startswith(self._layout_head):
             self._path, self._layout, self._layout_head = path, None, b""
+            _check_text(path, start, head, width)
             self._detect_layout(path, decoded(head[mark:], encoding), head)
         if self._layout is None:
             return None
@@ -98,6 +101,24 @@ class GrowingTable:
         layout = layout_of(lines, str(path), self._number_columns, self._convention, _MAX_HEAD_LINES)
         if any(not is_blank(line) for line in lines[layout.first_line - 1 :]):
             self._layout, self._layout_head = layout, head
+
+
+def _check_text(path: Path, start: bytes, head: bytes, width: int) -> None:
+    """Refuse a file that will never have a line of numbers.
+
+    Args:
+        path: path of the file.
+        start: its first bytes.
+        head: its complete lines in them.
+        width: bytes of a line feed.
+
+    Raises:
+        BadInput: it is no text, or its lines end in carriage returns.
+    """
+    if start.startswith(_SPREADSHEETS) or (width == 1 and b"\0" in head):
+        raise BadInput(f"{path}: is no plain text, but a spreadsheet or another binary file; record lines of text (CSV).")
+    if width == 1 and not head and b"\r" in start.rstrip(b"\r\0"):
+        raise BadInput(f"{path}: its lines end in carriage returns without line feeds; write line feeds.")
 
 
 def _end_of_lines(data: bytes, width: int) -> int:

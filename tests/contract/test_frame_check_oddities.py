@@ -68,6 +68,7 @@ def test_an_exception_for_every_register_is_one_finding(code: int, advice: str) 
     (refused,) = [finding for finding in found.findings if f"(exception {code})" in finding.observation]
     assert refused.what.startswith("force, extension, motion")
     assert advice in refused.advice
+    assert not any("order" in finding.what or "scale" in finding.what for finding in found.findings)
     assert not found.passed
 
 
@@ -104,10 +105,25 @@ def test_after_a_late_reply_the_link_is_opened_again() -> None:
         (lambda t, u, n, pdu, s: framed(t, 0, right(pdu)), "answered, but as unit 0; check again with --unit 0"),
         (lambda t, u, n, pdu, s: framed(0, u, right(pdu)), "with transaction number 0 instead of that of the request"),
         (lambda t, u, n, pdu, s: framed(t, u, right(pdu)[:-2]), "answered, but with 4 bytes instead of 6"),
+        (lambda t, u, n, pdu, s: framed(t, u, b"\3" + right(pdu)[1:]), "answered, but with function code 3 instead of 4"),
+        (lambda t, u, n, pdu, s: framed(t, u, right(pdu)[:1] + b"\2" + right(pdu)[2:]), "states 2 bytes of values and has 4"),
         (lambda t, u, n, pdu, s: b"HTTP/1.1 400 Bad Request\r\n\r\n", "answered, but not in Modbus TCP"),
     ],
-    ids=["unit 255", "unit 0", "transaction 0", "short", "web server"],
+    ids=["unit 255", "unit 0", "transaction 0", "short", "function", "count of bytes", "web server"],
 )
 def test_an_answer_that_is_of_no_use_is_named(reply: Reply, sentence: str) -> None:
     with pytest.raises(LinkRefused, match=sentence):
         checked(reply)
+
+
+def test_holding_registers_from_40001_of_a_device_that_has_no_others() -> None:
+    def reply(transaction: int, unit: int, number: int, pdu: bytes, sent: list[bytes]) -> bytes:
+        address, count = struct.unpack(">HH", pdu[1:5])
+        is_there = pdu[0] == 3 and address >= 40_001 and address + count <= 40_005
+        return framed(
+            transaction, unit, b"\3" + right(struct.pack(">BHH", 4, address - 40_001, count))[1:] if is_there else bytes([pdu[0] | 0x80, 2])
+        )
+
+    found = {finding.what: finding for finding in checked(reply).findings}
+    assert "address + 40001, holding register instead of input register" in found["order of words"].observation
+    assert "force 123.456 N" in found["explanation 1"].observation

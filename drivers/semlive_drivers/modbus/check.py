@@ -150,17 +150,19 @@ def _values(device: DeviceMap, points: Mapping[str, RegisterPoint], read: Regist
 
 
 def _layout(reader: Reader, near: Described, read: Registers, shipped: Mapping[str, RegisterPoint] | None) -> Diagnosis:
-    """Search for all descriptions that explain the device."""
+    """Search for all descriptions that explain the device; no findings if it refused every request, which is a finding of its own."""
     if not near.measured or not reader.answered:
         return Diagnosis((), not near.measured)
     numbered = is_numbered(near.points[one.name] for one in near.measured)
     diagnosis = Diagnosis((), proved=False, found=False)
-    if not numbered:
-        diagnosis = diagnose(near, _samples(reader, near, read), shipped)
+    if not numbered and (samples := _samples(reader, near, read)):
+        diagnosis = diagnose(near, samples, shipped)
     if diagnosis.found:
         return diagnosis
     far = replace(near, notations=WRITTEN if numbered else COUNTED)
-    further = diagnose(far, _samples(reader, far, read), shipped)
+    if not (samples := _samples(reader, far, read)):
+        return diagnosis
+    further = diagnose(far, samples, shipped)
     return further if numbered or further.found else diagnosis
 
 

@@ -10,6 +10,7 @@ from semlive.data.scan import Provenance, ScanTiming, Sourced, geometry_notes
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadImage
 from semlive.formats.metadata.header import Header
+from semlive.formats.metadata.timestamps import lacks_seconds
 
 _PRINTED = 1.00001  # factor for values that headers print with six digits
 _MAX_VALUES = {"dwell_time_s": 10.0, "row_time_s": 1e4, "frame_time_s": 1e6, "pixel_size_m": 1.0}
@@ -171,6 +172,8 @@ def missing_time_message(name: str, header: Header) -> str | None:
     if header.embedded is not None or header.vendor in _MODIFICATION_TIME_SUFFICES:
         return None
     if header.unread_time:
+        if lacks_seconds(header.unread_time):
+            return f"{name}: its date and time {header.unread_time!r} lack the seconds; set the time format of the microscope's computer."
         advice = "set the date format of the microscope's computer to 2022-03-14 and 24 hours"
         return f"{name}: its date and time {header.unread_time!r} were not understood; {advice}."
     return f"{name}: has no readable time of acquisition; switch the date and time of the export on."

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, ScanGeometry, Sourced
 from semlive.formats.metadata.timestamps import Moment
 
-_STATES = {**dict.fromkeys(("on", "yes", "true"), True), **dict.fromkeys(("off", "no", "false"), False)}
+_ON = ("on", "yes", "true", "1", "enabled", "active", "ein", "an", "ja")
+_OFF = ("off", "no", "false", "0", "disabled", "inactive", "aus", "nein")
+_STATES = {**dict.fromkeys(_ON, True), **dict.fromkeys(_OFF, False)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +77,11 @@ def switch(text: str | None) -> Sourced[bool] | None:
     """Return the state of a switch with its provenance; None for texts that state none."""
     state = _STATES.get((text or "").strip().lower())
     return None if state is None else Sourced(state, Provenance.FILE)
+
+
+def unread_switches(values: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Return a note for each text by its key that states no state of a switch, so the switch counts as missing."""
+    return tuple(f"its {key} {text[:40]!r} was not understood." for key, text in values if text.strip() and switch(text) is None)
 
 
 def derived(value: float | None) -> Sourced[float] | None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import codecs
+import re
+from collections.abc import Collection, Mapping
 
 MAX_TEXT_BYTES = 2**20
+_GEOMETRY = re.compile(r"tiltcorr|dyn(amic)?(focus|wd)|interlac|(reduced|scan)(area|raster)|zoom|driftcorr|line(integ|aver|acc|scan)")
 
 
 def decode_text(raw: bytes) -> str:
@@ -32,6 +35,15 @@ def parse_equals_lines(text: str) -> dict[str, str]:
 def parse_dollar_lines(text: str) -> dict[str, str]:
     """Return values by key of ``$KEY value`` lines; the first of equal keys is used."""
     return {key: value for key, value in _values(text, " ").items() if key.startswith("$")}
+
+
+def further_geometry(values: Mapping[str, str], others: Collection[str] = ()) -> tuple[str, ...]:
+    """Return keys with their values that are about the geometry of the scan by their names, except those that are read elsewhere.
+
+    No public file of the vendor contains them, so their values are compared as they are.
+    """
+    names = {key: re.sub(r"[^a-z]", "", key.lower()) for key in values if key not in others and values[key]}
+    return tuple(f"{key} {values[key]}" for key, name in names.items() if _GEOMETRY.search(name))
 
 
 def _values(text: str, mark: str) -> dict[str, str]:

@@ -43,6 +43,8 @@ _LETTERS = str.maketrans({"ß": "ss", "ł": "l", "ı": "i", "đ": "d", "ø": "o"
 _MIN_PREFIX = 3
 _CODE_PAGES = ("cp1250", "cp1251", "cp1253", "cp1254", "cp1257")
 """Of central Europe, Cyrillic, Greek, Turkish, Baltic."""
+_REPAIRS = (("utf-8", ""), ("cp932", "年午"), ("gb18030", "年午"), ("cp949", "년오"))
+"""Code pages, and the letters that show one of them: year, and the first letter of before and after noon."""
 
 
 def folded(text: str) -> str:
@@ -81,8 +83,12 @@ def _in_other_code_pages(text: str) -> Iterator[str]:
 
 
 def repaired(text: str) -> str:
-    """Return a text whose UTF-8 bytes were decoded in the western code page, decoded again."""
-    try:
-        return text.encode("cp1252").decode("utf-8")
-    except UnicodeError:
-        return text
+    """Return a date or time whose bytes of UTF-8 or an East Asian code page were decoded in the western one, decoded again."""
+    for code_page, marks in _REPAIRS:
+        try:
+            decoded = text.encode("cp1252").decode(code_page)
+        except UnicodeError:
+            continue
+        if not marks or any(mark in decoded for mark in marks):
+            return decoded
+    return text

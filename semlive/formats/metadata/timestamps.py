@@ -23,6 +23,9 @@ _CLOCK = re.compile(
     r"(?P<before>[^\W0-9_]{2}(?=\s*[0-9]))?\s*(?P<h>[0-9]{1,2})(?:[:.]|\s?[hH]\s?)(?P<m>[0-9]{2})(?:[:.]|\s?m(?:in)?\s?)(?P<s>[0-9]{2})\s?s?"
     r"(?:[.,](?P<f>[0-9]{1,9}))?\s*(?P<after>[^\W0-9_]{1,2}\.?\s?[^\W0-9_]?\.?)?"
 )
+_TIME_IN_DATE = re.compile(r"(?<=[0-9.])(?:T|,?\s+)(?=(?:[^\W0-9_]{2}\s*)?[0-9]{1,2}[:hH][0-9]{2})")
+"""What separates date and time in one text: ``14/03/2022 11:52:46``."""
+_NO_SECONDS = re.compile(r"(?:^|\s)(?:[^\W0-9_]{2}\s*)?[0-9]{1,2}[:.hH][0-9]{2}\s*(?:[^\W0-9_].{0,4})?$")
 _HALVES = {0: frozenset(("am", "上午", "午前", "오전", "πμ", "de")), 12: frozenset(("pm", "下午", "午後", "오후", "μμ", "du"))}
 
 
@@ -81,9 +84,13 @@ def acquired(date: str, clock: str, order: str, mtime_ns: int) -> Acquired:
         order: usual order of the vendor, ``ymd``, ``dmy`` or ``mdy``; empty if both ``dmy`` and ``mdy`` are usual.
         mtime_ns: modification time of the file, UTC ns, which decides where the vendor's order does not.
     """
-    date, written = repaired(date), " ".join(f"{date} {clock}".split())[:60]
+    date, clock, written = repaired(date), repaired(clock), " ".join(f"{date} {clock}".split())[:60]
     if not written:
         return Acquired()
+    if not clock.strip():
+        if (moment := iso(date)) is not None and _TIME_IN_DATE.search(date):
+            return Acquired(moment)
+        date, clock = [*_TIME_IN_DATE.split(date, 1), ""][:2]
     usual = _candidates(date, order, clock) if order else []
     found = list(dict.fromkeys([*usual, *(moment for other in _ORDERS for moment in _candidates(date, other, clock))]))
     if not found:
@@ -103,6 +110,11 @@ def acquired(date: str, clock: str, order: str, mtime_ns: int) -> Acquired:
 def _is_evident(moment: Moment, usual: Moment, mtime_ns: int) -> bool:
     """Whether the modification time is that of an instant and excludes the one in the usual order."""
     return abs(moment.time_ns - mtime_ns) < _SAME_DAY_NS and abs(usual.time_ns - mtime_ns) > 2 * _SAME_DAY_NS
+
+
+def lacks_seconds(written: str) -> bool:
+    """Whether date and time end in hours and minutes."""
+    return _NO_SECONDS.search(written) is not None
 
 
 def dated(date: str, order: str, clock: str) -> Moment | None:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from semlive.data.disparity import PoiStatus
 from semlive.errors import BadInput
+from semlive.formats.tables.torn_line import check_last_line
 from semlive.inputs.text_table import (
     LONGEST_LINE,
     SEPARATORS,
@@ -147,6 +148,7 @@ def read_disparity_table(data: bytes, where: str, dialect: str | None = None) ->
     lines = _with_names(lines_of(text_of(data, where)), where)
     # No displacement has thousands of pixels, and no coordinate has decimals.
     layout = layout_of(lines, where, lambda columns: _places(columns, dialect), Convention(no_thousands=True))
+    check_last_line(lines, layout)
     kind = _dialect(layout.columns, dialect)
     at = _at(layout.columns, kind)
     columns, numbers = _numbers(lines, layout, at, kind)

@@ -244,7 +244,7 @@ def _check_pair(first: FrameRow, second: FrameRow, where: str) -> None:
         if len(empty) == 1:
             problem = "is empty but the pair's other frame has one"
             raise BadInput(f"{where}: line {empty[0].line}, column {name}: {problem}; give both or neither.")
-        if name == "gage_strain" and not empty and first.load_n is None:
+        if name == "gage_strain" and not empty and first.load_n is None and first.phase is Phase.TENSION:
             problem = "is empty but gage_strain is given"
             raise BadInput(f"{where}: line {first.line}, column load_n: {problem}; a strain gage is compared under load.")
 

@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import FULL_FRAME, Provenance, ScanGeometry, Sourced
-from semlive.formats.metadata.header import Header, from_file, switch, text_from_file
+from semlive.formats.metadata.header import Header, from_file, switch, text_from_file, unread_switches
 from semlive.formats.metadata.quantity import number, positive, unread_notes
 from semlive.formats.metadata.timestamps import Acquired, acquired, iso
 from semlive.formats.vendors.tiff import Directory, Tag
@@ -36,9 +36,16 @@ _USED = (
     "EScan/LineTime",
     "EScan/FrameTime",
     "EScan/PixelWidth",
+    "EScan/PixelHeight",
+    "EScan/LineIntegration",
     "Image/Integrate",
+    "Image/Average",
+    "Image/ZoomFactor",
+    "Beam/ScanRotation",
 )
-"""Numbers without which another value is used."""
+"""Numbers without which another value is used, or none."""
+_SWITCHES = ("EBeam/TiltCorrectionIsOn", "EBeam/DynamicFocusIsOn", "EBeam/DynamicWDIsOn", "Image/DriftCorrected")
+"""Their texts and those of the passes of interlacing are reported if they are not understood."""
 _PRINTED = 1.00001  # factor for values that headers print with six digits
 
 
@@ -194,7 +201,7 @@ def _geometry(text: FeiText, area: _Area) -> ScanGeometry:
     tilt = switch(text.text("EBeam/TiltCorrectionIsOn", "Optics/SampleTiltCorrectionOn"))
     angle_rad = number(text.text("EBeam/TiltCorrectionAngle", "Optics/SamplePreTiltAngle"))
     focus = [state for key in ("EBeam/DynamicFocusIsOn", "EBeam/DynamicWDIsOn") if (state := switch(text.text(key))) is not None]
-    interlacing = text.number("EScan/ScanInterlacing", "ScanSettings/LineInterlacing")
+    interlacing = _interlacing(text)
     averaging = text.text("Image/DriftCorrected", "BinaryResult/FilterType")
     corrections = ("MagnificationCorrection", "MagnificationSinglePointCorrectionIsOn")
     modes = [text.text("EBeam/LensMode", "Optics/OpticalMode"), *(key for key in corrections if _is_on(text, f"EBeam/{key}"))]
@@ -209,6 +216,13 @@ def _geometry(text: FeiText, area: _Area) -> ScanGeometry:
         drift_correction=Sourced(_is_drift_corrected(text), Provenance.FILE) if averaging else None,
         mode=text_from_file(", ".join(filter(None, modes))),
     )
+
+
+def _interlacing(text: FeiText) -> float | None:
+    """Return the passes in which the rows were written; 2 if the file contains only that there were several."""
+    keys = ("EScan/ScanInterlacing", "ScanSettings/LineInterlacing")
+    stated, state = text.number(*keys), switch(text.text(*keys))
+    return stated if stated is not None or state is None else 1.0 + state.value
 
 
 def _is_on(text: FeiText, key: str) -> bool:
@@ -232,13 +246,15 @@ def _processed(text: FeiText) -> str | None:
         return f"the microscope already corrected drift ({key}); switch drift-corrected integration off."
     if (text.number("Image/Average", "EScan/Average", "Scan/Average") or 0) > 1:
         return "is a running average of frames, so its pixels have no scan time; integrate instead of averaging."
-    if (text.number("EScan/ScanInterlacing", "ScanSettings/LineInterlacing") or 1) > 1:
+    if (_interlacing(text) or 1) > 1:
         return "was scanned interlaced, so its rows were not written in order; switch interlacing off."
     return None
 
 
 def _notes(text: FeiText) -> tuple[str, ...]:
-    return _two_counts(text) + unread_notes((path, text.text(path)) for path in _USED)
+    numbers = unread_notes((path, text.text(path)) for path in _USED)
+    passes = () if _interlacing(text) is not None else unread_notes([("EScan/ScanInterlacing", text.text("EScan/ScanInterlacing"))])
+    return _two_counts(text) + numbers + passes + unread_switches((path, text.text(path)) for path in _SWITCHES)
 
 
 def _two_counts(text: FeiText) -> tuple[str, ...]:

@@ -57,9 +57,10 @@ def header(values: Mapping[str, str], mtime_ns: int) -> Header:
 def _geometry(values: Mapping[str, str]) -> ScanGeometry:
     """Return digital zoom as a factor, or as a mode if the file contains only that it is on."""
     zoom = values.get("DigitalZoom", "")
-    is_on = switch(zoom)
+    is_on = None if zoom.strip() == "1" else switch(zoom)
     factor = 1.0 if is_on is not None and not is_on.value else positive(zoom.lower().strip("x "))
     modes = (values.get("LensMode", ""), "digital zoom" if is_on is not None and is_on.value else "")
+    modes += key_value.further_geometry(values, ("DigitalZoom",))
     return ScanGeometry(zoom=from_file(factor), mode=text_from_file(", ".join(filter(None, modes)) or ("normal" if is_on else "")))
 
 

@@ -59,7 +59,7 @@ def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
 
 def _mode(values: Mapping[str, str]) -> str:
     modes = (("column", "$$SM_COLUMN_MODE"), ("scan", "$$CM_SCAN_MODE"), ("integration", "$$SM_IMAGE_INTEGRATION_TYPE"))
-    return ", ".join(f"{name} {values[key]}" for name, key in modes if values.get(key))
+    return ", ".join((*(f"{name} {values[key]}" for name, key in modes if values.get(key)), *key_value.further_geometry(values)))
 
 
 def _pixel_size(values: Mapping[str, str]) -> tuple[float | None, tuple[str, ...]]:

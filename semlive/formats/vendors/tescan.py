@@ -16,14 +16,15 @@ from collections.abc import Mapping
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, ScanGeometry, Sourced
 from semlive.formats.metadata import key_value
-from semlive.formats.metadata.header import Header, from_file, text_from_file
+from semlive.formats.metadata.header import Header, from_file, switch, text_from_file, unread_switches
 from semlive.formats.metadata.quantity import number, positive, unread_notes
 from semlive.formats.metadata.timestamps import acquired
 from semlive.formats.vendors.tiff import Directory, Tag
 
 _MAX_BLOCKS = 64
-_USED = ("ImageStripSize", "PixelSizeX", "PixelSizeY", "DwellTime", "AccFrames")
+_USED = ("ImageStripSize", "PixelSizeX", "PixelSizeY", "DwellTime", "AccFrames", "ScanRotation")
 """Numbers without which another value is used."""
+_READ_ELSEWHERE = ("TiltCorrection",)
 
 
 def read_header(data: bytes, directory: Directory, mtime_ns: int = 0) -> Header | None:
@@ -87,12 +88,18 @@ def header(values: Mapping[str, str], mtime_ns: int = 0) -> Header:
             scan_rotation_deg=from_file(number(values.get("ScanRotation"))),
         ),
         geometry=ScanGeometry(
-            tilt_correction=None if tilt_deg is None else Sourced(tilt_deg != 0, Provenance.FILE),
+            tilt_correction=switch(values.get("TiltCorrection")) if tilt_deg is None else Sourced(tilt_deg != 0, Provenance.FILE),
             tilt_correction_deg=from_file(tilt_deg or None),
             pixel_height_m=from_file(y_m),
             drift_correction=Sourced(drift_corrected, Provenance.FILE) if averaging else None,
-            mode=text_from_file(values.get("ScanMode", "")),
+            mode=text_from_file(
+                ", ".join(filter(None, (values.get("ScanMode", ""), *key_value.further_geometry(values, _READ_ELSEWHERE))))
+            ),
         ),
         refused=f"the microscope already corrected drift (AccType={averaging[:40]}); accumulate without it." if drift_corrected else None,
-        notes=unread_notes((key, values.get(key, "")) for key in _USED) + time.notes,
+        notes=unread_notes((key, values.get(key, "")) for key in _USED) + _unread_tilt(tilt_deg, values) + time.notes,
     )
+
+
+def _unread_tilt(tilt_deg: float | None, values: Mapping[str, str]) -> tuple[str, ...]:
+    return () if tilt_deg is not None else unread_switches([("TiltCorrection", values.get("TiltCorrection", ""))])

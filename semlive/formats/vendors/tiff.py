@@ -18,6 +18,7 @@ from semlive.errors import BadImage
 
 _MAX_TAGS = 4096
 _MAX_PAGES = 64
+_BIG = (b"+\0", b"\0+")
 _LONG_VALUE = 64
 _ZEROS = 16  # more NUL bytes than end a text: one, in real files up to five
 _TYPE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
@@ -45,6 +46,7 @@ class Tag(IntEnum):
     COLOR_MAP = 320
     TILE_OFFSETS = 324
     TILE_BYTES = 325
+    SUB_DIRECTORIES = 330
     EXTRA_SAMPLES = 338
     SAMPLE_FORMAT = 339
     ZEISS = 34118
@@ -88,7 +90,11 @@ class Directory:
     def text(self, data: bytes, code: int) -> str | None:
         """Return the value of a tag as text up to its first NUL, or None."""
         raw = self.raw(data, code)
-        return None if raw is None else raw.split(b"\0", 1)[0].decode("utf-8", errors="replace")
+        if raw is None:
+            return None
+        if raw[1:4:2] == b"\0\0" and raw[:1] != b"\0":  # UTF-16, which no standard permits
+            return raw.decode("utf-16-le", errors="replace").lstrip("\ufeff").split("\0", 1)[0]
+        return raw.split(b"\0", 1)[0].decode("utf-8", errors="replace")
 
     def integers(self, data: bytes, code: int) -> list[int]:
         """Return the value of a tag as integers; empty if the tag is absent, not of an integer type, or outside the file."""
@@ -125,6 +131,17 @@ def directories(data: bytes, name: str) -> list[Directory]:
     except (struct.error, ValueError) as exc:
         if not found:
             raise BadImage(f"{name}: not a complete TIFF file ({exc}); export it again.") from exc
+    return found
+
+
+def sub_directories(data: bytes, directory: Directory) -> list[Directory]:
+    """Return the directories below a directory (SubIFDs), as far as they can be read."""
+    found: list[Directory] = []
+    for offset in directory.integers(data, Tag.SUB_DIRECTORIES)[:_MAX_PAGES]:
+        try:
+            found.append(_directory(data, directory.order, data[2:4] in _BIG, offset))
+        except (struct.error, ValueError):
+            continue
     return found
 
 
@@ -185,7 +202,7 @@ def _first_offset(data: bytes) -> tuple[str, bool, int]:
     if not is_tiff(data):
         raise ValueError("it does not start with a TIFF header")
     order = "<" if data[:2] == b"II" else ">"
-    big = data[2:4] in (b"+\0", b"\0+")
+    big = data[2:4] in _BIG
     [offset] = struct.unpack_from(order + "Q", data, 8) if big else struct.unpack_from(order + "I", data, 4)
     if offset == 0:
         raise ValueError("it has no directory")

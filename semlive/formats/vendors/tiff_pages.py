@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from semlive.errors import BadImage
 from semlive.formats.vendors.image_size import check_size
-from semlive.formats.vendors.tiff import Directory, Tag, directories
+from semlive.formats.vendors.tiff import Directory, Tag, directories, sub_directories
 
 _COPY_OR_MASK = 0b101
 _SAME_PROPORTIONS = 0.02
@@ -71,6 +71,7 @@ def find_page(data: bytes, name: str, number: int | None = None) -> Page:
     if len(found) == 1:
         _refuse_stack(data, name, directory)
     width, rows = _size(data, directory)
+    _refuse_larger_part(data, name, directory, (width, rows))
     check_size(name, width, rows, max(directory.integer(data, Tag.SAMPLES_PER_PIXEL, 1), 1))
     others = tuple(f"its {_described(data, found, at)} is not used." for at in range(len(found)) if at != index)
     turn = _TURNS.get(directory.integer(data, Tag.ORIENTATION, 1)) if Tag.ORIENTATION in directory.tags else None
@@ -109,8 +110,17 @@ def _is_marked_copy(data: bytes, directory: Directory) -> bool:
 
 def _is_small_copy(size: tuple[int, int], largest: tuple[int, int]) -> bool:
     (width, rows), (full_width, full_rows) = size, largest
-    half = 0 < 2 * width <= full_width and 0 < 2 * rows <= full_rows
+    half = 0 < 2 * width <= full_width + 1 and 0 < 2 * rows <= full_rows + 1
     return half and abs(width * full_rows - rows * full_width) <= _SAME_PROPORTIONS * width * full_rows
+
+
+def _refuse_larger_part(data: bytes, name: str, directory: Directory, size: tuple[int, int]) -> None:
+    """Refuse an image that contains a larger one (SubIFDs, as in DNG): it is a thumbnail, and only images of the main list are read."""
+    for part in sub_directories(data, directory):
+        (width, rows), (part_width, part_rows) = size, _size(data, part)
+        if part_width * part_rows > width * rows:
+            problem = f"is a thumbnail of {width} x {rows} px with an image of {part_width} x {part_rows} px below it (SubIFDs)"
+            raise BadImage(f"{name}: {problem}; export a plain TIFF.")
 
 
 def _refuse_stack(data: bytes, name: str, directory: Directory) -> None:

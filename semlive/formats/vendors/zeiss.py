@@ -22,7 +22,7 @@ from itertools import pairwise
 
 from semlive.data.frame import ColumnSettings
 from semlive.data.scan import Provenance, ScanGeometry, Sourced
-from semlive.formats.metadata.header import Header, derived, from_file, switch, text_from_file
+from semlive.formats.metadata.header import Header, derived, from_file, switch, text_from_file, unread_switches
 from semlive.formats.metadata.quantity import Quantity, number, quantity, unread_notes
 from semlive.formats.metadata.timestamps import Acquired, acquired
 from semlive.formats.vendors.tiff import Directory, Tag
@@ -35,6 +35,7 @@ _PIXEL_SIZE_AT = 3
 _SAME_PIXEL_SIZE = 1e-2
 _USED = ("AP_LINE_TIME", "AP_FRAME_TIME", "AP_PIXEL_SIZE", "AP_IMAGE_PIXEL_SIZE", "AP_LINE_AVERAGE_COUNT", "AP_FRAME_INT_COUNT")
 """Numbers without which another value is used."""
+_SWITCHES = ("DP_TILT_CORRECTION", "DP_DYNFOCUS", "DP_ZOOM")
 _MODES = {
     "DP_FIELD_MODE": "field mode",
     "DP_FISHEYE_MODE": "fish-eye",
@@ -129,8 +130,12 @@ def header(text: ZeissText, width: int, rows: int, mtime_ns: int = 0) -> Header:
         ),
         geometry=_geometry(text, width, rows, pixel),
         refused=refused,
-        notes=notes + pixel_notes + unread_notes((key, text.text(key)) for key in _USED) + time.notes,
+        notes=notes + pixel_notes + _unread(text) + time.notes,
     )
+
+
+def _unread(text: ZeissText) -> tuple[str, ...]:
+    return unread_notes((key, text.text(key)) for key in _USED) + unread_switches((key, text.text(key)) for key in _SWITCHES)
 
 
 def _decoded(raw: bytes) -> str:
@@ -224,7 +229,5 @@ def _rotation(text: ZeissText) -> Sourced[float] | None:
 
 def _acquired(text: ZeissText, mtime_ns: int) -> Acquired:
     """Parse ``Date: 11 Apr 2023`` and ``Time :8:20:42``; the place of the colon varies."""
-    date, clock = (
-        re.sub(rf"^\s*{name}\s*[:=]\s*", "", text.lines.get(key, "")) for name, key in (("Date", "AP_DATE"), ("Time", "AP_TIME"))
-    )
+    date, clock = (re.sub(r"^\s*[^\W0-9]+\s*[:=]\s*", "", text.lines.get(key, "")) for key in ("AP_DATE", "AP_TIME"))
     return acquired(date, clock, "dmy", mtime_ns)

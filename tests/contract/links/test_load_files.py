@@ -145,3 +145,25 @@ def test_a_line_without_end_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match="its newest line is longer than"):
         frame.read()
     frame.close()
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"PK\x03\x04" + bytes(64), "is no plain text, but a spreadsheet"),
+        (bytes(range(64)) * 2, "is no plain text"),
+        (b"Time;Force;Ext\r1;2;3\r4;5;6\r", "end in carriage returns without line feeds"),
+    ],
+    ids=["spreadsheet", "binary", "carriage returns"],
+)
+def test_a_file_that_will_never_have_a_line_is_refused_for_that_reason(tmp_path: Path, data: bytes, reason: str) -> None:
+    path = tmp_path / "load.csv"
+    path.write_bytes(data)
+    with pytest.raises(LinkRefused, match=reason):
+        tail(path)
+
+
+def test_space_that_is_reserved_behind_the_last_line_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "load.csv"
+    path.write_bytes(b"Time;Force;Ext\n1,5;2,5;3,5\n" + bytes(5000))
+    assert tail(path).read().force_n == 2.5

@@ -17,7 +17,7 @@ from semlive.formats.images.frames import read_info
 from semlive.formats.images.inspection import inspect_file
 from semlive.formats.metadata.month_names import MONTH_NAMES, folded, months_named
 from semlive.formats.metadata.timestamps import acquired
-from semlive.formats.vendors import jeol
+from semlive.formats.vendors import jeol, zeiss
 
 LANGUAGES = (
     "en",
@@ -71,6 +71,15 @@ READ = {
     "Korean": ("2022. 3. 14.", "오후 3:11:12", "ymd", "2022-03-14T15:11:12"),
     "American": ("Mar 14, 2022", "03:11:12 PM", "dmy", "2022-03-14T15:11:12"),
     "year of two digits": ("14-MAR-22", "11:52:46", "dmy", "2022-03-14T11:52:46"),
+    "date and time in one text": ("14.03.2022, 11:52:46", "", "mdy", "2022-03-14T11:52:46"),
+    "ISO in one text": ("2022-03-14T11:52:46", "", "mdy", "2022-03-14T11:52:46"),
+    "Japanese code page": (
+        "2022年3月14日".encode("cp932").decode("cp1252"),
+        "03:11:12 午後".encode("cp932").decode("cp1252"),
+        "ymd",
+        "2022-03-14T15:11:12",
+    ),
+    "Chinese code page": ("2022年3月14日".encode("gb18030").decode("cp1252"), "11:52:46", "ymd", "2022-03-14T11:52:46"),
     "American text of a JEOL": ("3/14/2023", "11:52:46", "ymd", "2023-03-14T11:52:46"),
     "fraction behind a comma": ("5 juin 2022", "10:11:12,5", "dmy", "2022-06-05T10:11:12.500000"),
 }
@@ -155,6 +164,19 @@ def test_inspect_predicts_that_a_run_refuses_the_date(date: str) -> None:
     assert date in problem
     if date:
         assert "were not understood" in problem
+
+
+@pytest.mark.parametrize("clock", ["2:05 PM", "14:05"])
+def test_a_time_without_seconds_is_refused_for_that_reason(clock: str) -> None:
+    with pytest.raises(BadImage, match=f"'3/14/2022 {clock}' lack the seconds"):
+        read_info(fei("3/14/2022", clock), ScanProfile())
+
+
+def test_names_of_date_and_time_of_a_zeiss_may_be_german() -> None:
+    lines = ["0", "AP_DATE", "Datum :14 Mrz 2022", "AP_TIME", "Zeit :11:52:46", ""]
+    moment = zeiss.header(zeiss.parse("\r\n".join(lines)), 1024, 768).embedded
+    assert moment is not None
+    assert moment.text == "2022-03-14T11:52:46"
 
 
 def test_a_date_that_the_modification_time_replaces_is_noted() -> None:

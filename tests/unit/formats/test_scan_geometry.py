@@ -104,6 +104,9 @@ def of_hitachi(**changes: str) -> Header:
         (of_tescan, {"PixelSizeY": "3.0e-6"}, "pixel height 3e-06 m instead of 2.5e-06 m"),
         (of_tescan, {"ScanMode": "RESOLUTION"}, "scan mode RESOLUTION instead of WIDE FIELD"),
         (of_jeol, {"CM_SCAN_MODE": "3"}, "column SEM, scan 3, integration 0 instead of column SEM, scan 2, integration 0"),
+        (of_fei, {"EBeam_TiltCorrectionIsOn": "1"}, "tilt correction on instead of off"),
+        (of_fei, {"EScan_ScanInterlacing": "On"}, "interlacing 2 instead of 1"),
+        (of_tescan, {"TiltCorrection": "On"}, "tilt correction on instead of off"),
         (of_hitachi, {"DigitalZoom": "x2"}, "zoom 2x instead of 1x"),
         (of_hitachi, {"DigitalZoom": "Yes"}, "scan mode Normal, digital zoom instead of Normal"),
     ],
@@ -112,6 +115,31 @@ def test_each_setting_of_each_vendor_separates_frames(vendor: Callable[..., Head
     before, after = vendor().geometry, vendor(**change).geometry
     assert geometry_difference(before, before) is None
     assert clause in (geometry_difference(before, after) or "")
+
+
+@pytest.mark.parametrize(
+    ("vendor", "key"),
+    [(of_tescan, "DynamicFocus"), (of_tescan, "LineAccumulation"), (of_jeol, "SM_TILT_CORRECTION"), (of_hitachi, "ReducedArea")],
+)
+def test_a_key_about_geometry_that_no_public_file_has_is_compared_as_it_is(vendor: Callable[..., Header], key: str) -> None:
+    difference = geometry_difference(vendor(**{key: "1"}).geometry, vendor(**{key: "2"}).geometry)
+    assert difference is not None
+    assert f"{key} 2" in difference
+
+
+@pytest.mark.parametrize(
+    ("vendor", "key", "word"),
+    [
+        (of_fei, "EBeam_TiltCorrectionIsOn", "partly"),
+        (of_fei, "EScan_ScanInterlacing", "alternating"),
+        (of_zeiss, "DP_DYNFOCUS", "Dyn.Focus = partly"),
+        (of_tescan, "TiltCorrection", "steep"),
+    ],
+)
+def test_a_setting_that_is_not_understood_is_noted(vendor: Callable[..., Header], key: str, word: str) -> None:
+    assert vendor().notes == ()
+    [note] = vendor(**{key: word}).notes
+    assert f"{word.rpartition('= ')[2]!r} was not understood" in note
 
 
 def test_two_angles_of_tilt_correction_differ_and_those_of_a_switch_that_is_off_do_not() -> None:

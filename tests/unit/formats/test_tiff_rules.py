@@ -69,6 +69,22 @@ def test_a_thumbnail_is_not_the_frame(settings: dict[str, object], copy_first: b
     assert any("16 x 12 px" in note for note in frame.info.notes)
 
 
+@pytest.mark.parametrize("shape", [(48, 64), (49, 65)])
+def test_half_the_size_of_the_frame_is_a_thumbnail_also_if_it_was_rounded_up(shape: tuple[int, int]) -> None:
+    assert np.array_equal(grey(pages((speckle(1, (-(-shape[0] // 2), -(-shape[1] // 2))), {}), (speckle(2, shape), {}))), speckle(2, shape))
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_a_thumbnail_with_its_image_below_it_is_refused(big: bool) -> None:
+    stream = io.BytesIO()
+    with tifffile.TiffWriter(stream, bigtiff=big) as file:
+        file.write(speckle(9, (12, 16)), subifds=1, subfiletype=1, metadata=None)
+        file.write(speckle(), metadata=None)
+    with pytest.raises(BadImage, match=r"thumbnail of 16 x 12 px with an image of 64 x 48 px below it"):
+        grey(stream.getvalue())
+    assert "thumbnail" in inspect_file(exported(stream.getvalue()), PROFILE).problems[0]
+
+
 def test_a_mask_of_the_same_size_is_not_the_frame() -> None:
     assert np.array_equal(grey(patched(pages((speckle(9), {"subfiletype": 1}), (speckle(), {})), 254, 4)), speckle())
 

@@ -33,6 +33,11 @@ def test_an_unreadable_tag_of_a_vendor_is_noted(code: int, vendor: str) -> None:
     assert f"its metadata in tag {code} of {vendor} cannot be read; export it again, or copy the original file." in notes
 
 
+def test_the_text_of_a_tag_may_be_utf_16() -> None:
+    text = "[User]\r\nDate=03/14/2022\r\nTime=11:52:46\r\n[EScan]\r\nDwell=2e-06\r\n"
+    assert inspect_file(exported(tag=(34682, text.encode("utf-16-le"))), PROFILE).values["dwell_time_s"].value == 2e-6
+
+
 def test_a_file_without_tags_of_a_vendor_has_no_note() -> None:
     assert inspect_file(exported(), PROFILE).notes == ()
 

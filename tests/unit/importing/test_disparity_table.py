@@ -234,3 +234,17 @@ def test_a_lost_cell_and_a_decimal_comma_make_no_displacement() -> None:
 def test_names_in_comments_of_other_programs(head: str) -> None:
     table = read_disparity_table(f"{head}\n10 20 0.5 -0.25\n20 20 0.5 -0.25\n".encode(), "map")
     assert (table.x_px.tolist(), table.v_px.tolist()) == ([10.0, 20.0], [-0.25, -0.25])
+
+
+@pytest.mark.parametrize(("whole", "torn"), [("0.55", "0.5"), ("0.55", "0."), ("-5.500000e-03", "-5.500000e-0"), ("5.5e-03", "5.5")])
+def test_a_last_number_that_is_cut_off_is_refused(whole: str, torn: str) -> None:
+    lines = [f"{20 * column},{20 * row},1.36,{whole}" for row in range(4) for column in range(4)]
+    text = "\n".join(["x,y,u,v", *lines])
+    assert read_disparity_table(text.encode(), "a.csv").v_px[-1] == float(whole)
+    with pytest.raises(BadInput, match=f"line 17: ends with '{torn}' without a line feed"):
+        read_disparity_table(text.removesuffix(whole).encode() + torn.encode(), "a.csv")
+
+
+def test_a_last_number_of_varying_digits_needs_no_line_feed() -> None:
+    lines = [f"{20 * column},{20 * row},1.36,{0.25 * row}" for row in range(4) for column in range(4)]
+    assert read_disparity_table("\n".join(["x,y,u,v", *lines, "0,80,1.36,1"]).encode(), "a.csv").v_px[-1] == 1.0

@@ -43,6 +43,10 @@ def test_further_columns_do_no_harm_and_a_strain_gage_is_read() -> None:
     assert rows[3].gage_strain == 1e-3
 
 
+def test_a_strain_gage_may_be_read_without_load_in_pairs_that_are_not_loaded() -> None:
+    assert [row.gage_strain for row in read([f"{line},1e-3" for line in GOOD], HEADER + ",gage_strain")] == [1e-3] * 4
+
+
 def test_names_with_units_and_marks_of_lost_values_are_read() -> None:
     header = HEADER.replace("start_s", "Start [s]").replace("load_n", "load (N)").replace("row_time_s", "row-time-s")
     rows = read([line.replace(",1,,", ",1,NaN,").replace("250.5,,", "250.5,#N/A,#N/A") for line in GOOD], header)
@@ -97,7 +101,11 @@ WRONG = {
     "one shift": (HEADER, [GOOD[0].removesuffix("0"), *GOOD[1:]], "line 2, column shift_y_px: is empty but the other axis is not"),
     "size": (HEADER, [GOOD[0], GOOD[1].replace("1000", "999"), *GOOD[2:]], "line 3, column width: is 999 but frame 0 has 1000"),
     "half an integration": (HEADER, [GOOD[0].replace(",1,,", ",1.5,,"), *GOOD[1:]], "line 2, column integrations: 1.5 is no integer"),
-    "gage without load": (HEADER + ",gage_strain", [f"{line},1e-3" for line in GOOD], "line 2, column load_n: is empty but gage_strain"),
+    "gage without load": (
+        HEADER + ",gage_strain",
+        [f"{line},1e-3".replace("250.5", "") for line in GOOD],
+        "line 4, column load_n: is empty but gage_strain",
+    ),
 }
 
 

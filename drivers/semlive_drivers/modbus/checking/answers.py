@@ -12,6 +12,7 @@ from semlive_drivers.modbus.tcp.blind import framed
 
 _TRANSACTION = 0x5E31
 _HEADER_BYTES = 7
+_EXCEPTION_FLAG = 0x80
 _MIN_WAIT_S = 2.0
 """A slow device may need longer than the time-out that it was given."""
 _CONNECT_S = 1.0
@@ -80,8 +81,14 @@ def _judge(received: bytes, request: bytes, unit: int, block: Block, waited_s: f
             "assigned to its request; update its firmware, or connect it by its serial line"
         )
     pdu = received[_HEADER_BYTES:]
+    if pdu[0] & ~_EXCEPTION_FLAG != request[0]:
+        return f"the device answered, but with function code {pdu[0]} instead of {request[0]}; check its firmware and the gateway before it"
     if pdu[0] == request[0] and len(pdu) != (expected := 2 + (block.count + 7) // 8 if block.kind.bits else 2 + 2 * block.count):
         return f"the device answered, but with {len(pdu)} bytes instead of {expected}; check its firmware and the gateway before it"
+    if pdu[0] == request[0] and pdu[1] != len(pdu) - 2:
+        return (
+            f"the reply of the device states {pdu[1]} bytes of values and has {len(pdu) - 2}; update its firmware, or use its serial line"
+        )
     if len(received) < 6 + length:
         return f"the reply of the device ended after {len(received)} of {6 + length} bytes; check the network and the gateway before it"
     if waited_s > timeout_s:

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from semlive_drivers.modbus.checking.evidence import Samples, bits_of, jump_bits, mean_and_noise, value_of
+from semlive_drivers.modbus.checking.variants import OTHER_KIND, notation_shift
 from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint, WordOrder
 from semlive_drivers.panel_reading import PanelReading
 
-_SWAPPED = {Kind.INPUT: Kind.HOLDING, Kind.HOLDING: Kind.INPUT}
 _NEAR = (0, 1, -1, 2, -2)
 FORCE_UNITS, LENGTH_UNITS = (9.80665, 4.4482216152605), (25.4,)
 """Units other than powers of ten of N (kgf, lbf) and mm (in), in N or mm."""
@@ -154,13 +154,13 @@ def _orders(dtype: DType, described: RegisterPoint) -> Iterator[tuple[WordOrder,
             yield words, byte_order
 
 
-def addresses_around(point: RegisterPoint, shifts: tuple[int, ...]) -> dict[Kind, set[int]]:
-    """Addresses to try for a point, by table.
+def addresses_around(point: RegisterPoint, notations: tuple[int, ...]) -> dict[Kind, set[int]]:
+    """Addresses to try for a point, by table: each table has its own numbers in a notation such as 40001.
 
     Args:
         point: the described point.
-        shifts: shifts of the address, other than 0.
+        notations: notations to try, see `variants.notation_shift`.
     """
-    kinds = (point.kind, _SWAPPED[point.kind]) if point.kind in _SWAPPED else (point.kind,)
-    centres = {point.address + shift for shift in (0, *shifts)}
-    return {kind: {centre + near for centre in centres for near in _NEAR if 0 <= centre + near < 65_536} for kind in kinds}
+    kinds = (point.kind, OTHER_KIND[point.kind]) if point.kind in OTHER_KIND else (point.kind,)
+    centres = {kind: {point.address + notation_shift(replace(point, kind=kind), one) for one in (0, *notations)} for kind in kinds}
+    return {kind: {centre + near for centre in centres[kind] for near in _NEAR if 0 <= centre + near < 65_536} for kind in kinds}

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from semlive_drivers.modbus.checking.choices import Choice, Measured, addresses_around, choices
 from semlive_drivers.modbus.checking.evidence import Samples, bits_of, first_values, jump_bits, registers_of, unused_bits, value_of
 from semlive_drivers.modbus.checking.reader import Register
-from semlive_drivers.modbus.checking.variants import Variant, local_bits, notation_shift, variants
+from semlive_drivers.modbus.checking.variants import Variant, local_bits, variants
 from semlive_drivers.modbus.codec import number_in
 from semlive_drivers.modbus.device_map import DeviceMap
 from semlive_drivers.modbus.registers import Kind, RegisterPoint
@@ -76,8 +76,7 @@ class Described:
 
     def addresses(self, measured: Measured) -> dict[Kind, set[int]]:
         """Addresses at which a measured number is searched."""
-        point = self.points[measured.name]
-        return addresses_around(point, tuple(notation_shift(point, notation) for notation in self.notations))
+        return addresses_around(self.points[measured.name], self.notations)
 
     def read_points(self) -> set[str]:
         """Points that every reading and the identity need, except the measured numbers."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from semlive_drivers.modbus.registers import DType, Kind, RegisterPoint, WordOrder
 
 _OPPOSITE = {WordOrder.HIGH_FIRST: WordOrder.LOW_FIRST, WordOrder.LOW_FIRST: WordOrder.HIGH_FIRST}
-_OTHER_KIND = {Kind.INPUT: Kind.HOLDING, Kind.HOLDING: Kind.INPUT}
+OTHER_KIND = {Kind.INPUT: Kind.HOLDING, Kind.HOLDING: Kind.INPUT}
 _NEAR_BITS = {0: 0.0, 1: 3.0, -1: 3.0, 2: 6.0, -2: 6.0}
 _NOTATION_BITS = 3.0
 _KIND_BITS, _WORDS_BITS, _BYTES_BITS = 3.0, 2.5, 4.0
@@ -50,13 +50,14 @@ class Variant:
 
     def of(self, point: RegisterPoint) -> RegisterPoint | None:
         """The changed point; None if it has no such address."""
-        address = point.address + self.near + notation_shift(point, self.notation)
+        kind = OTHER_KIND.get(point.kind, point.kind) if self.swap_kind else point.kind
+        address = point.address + self.near + notation_shift(replace(point, kind=kind), self.notation)
         if not 0 <= address <= 65_536 - point.dtype.registers:
             return None
         swap_words = self.swap_words and point.dtype.registers > 1
         return replace(
             point,
-            kind=_OTHER_KIND.get(point.kind, point.kind) if self.swap_kind else point.kind,
+            kind=kind,
             address=address,
             word_order=_OPPOSITE[point.word_order] if swap_words else point.word_order,
             byte_order=_OPPOSITE[point.byte_order] if self.swap_bytes else point.byte_order,

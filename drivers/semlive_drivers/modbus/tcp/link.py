@@ -74,13 +74,13 @@ class ModbusLink:
         Raises:
             LinkError: if the answer is missing, wrong or short.
         """
-        call = {
-            Kind.INPUT: self._client.read_input_registers,
-            Kind.HOLDING: self._client.read_holding_registers,
-            Kind.COIL: self._client.read_coils,
-            Kind.DISCRETE: self._client.read_discrete_inputs,
+        function, call = {
+            Kind.INPUT: (4, self._client.read_input_registers),
+            Kind.HOLDING: (3, self._client.read_holding_registers),
+            Kind.COIL: (1, self._client.read_coils),
+            Kind.DISCRETE: (2, self._client.read_discrete_inputs),
         }[block.kind]
-        answer = self._ask(action_name("reading", block.kind, block.address), call, block.address, count=block.count)
+        answer = self._ask(action_name("reading", block.kind, block.address), function, call, block.address, count=block.count)
         values = [int(bit) for bit in answer.bits[: block.count]] if block.kind.bits else answer.registers
         if len(values) != block.count:
             self._client.close()
@@ -98,13 +98,13 @@ class ModbusLink:
         """
         action = action_name("writing", kind, address)
         if kind.bits and single:
-            self._ask(action, self._client.write_coil, address, bool(registers[0]))
+            self._ask(action, 5, self._client.write_coil, address, bool(registers[0]))
         elif kind.bits:
-            self._ask(action, self._client.write_coils, address, [bool(value) for value in registers])
+            self._ask(action, 15, self._client.write_coils, address, [bool(value) for value in registers])
         elif single and len(registers) == 1:
-            self._ask(action, self._client.write_register, address, registers[0])
+            self._ask(action, 6, self._client.write_register, address, registers[0])
         else:
-            self._ask(action, self._client.write_registers, address, list(registers))
+            self._ask(action, 16, self._client.write_registers, address, list(registers))
 
     def write_without_reply(self, pdus: Sequence[bytes]) -> bool:
         """Write on the old connection and on a new one, as `Link.write_without_reply`."""
@@ -122,7 +122,8 @@ class ModbusLink:
         self._blind.close()
         self._endpoint.release()
 
-    def _ask(self, action: str, call: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    def _ask(self, action: str, function: int, call: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """Send a request; pymodbus accepts an answer of another function."""
         if not self._client.connected:
             raise LinkError(f"the link to {self.where} is closed; it must be opened again")
         try:
@@ -132,4 +133,10 @@ class ModbusLink:
             raise LinkError(f"{self.where} gave no answer within {self._timeout_s:g} s while {action}; check cable and device") from error
         if answer.isError():
             raise refusal(self.where, action, int(getattr(answer, "exception_code", 0)))
+        if answer.function_code != function:
+            self._client.close()
+            raise LinkError(
+                f"{self.where} answered function {answer.function_code} instead of {function} while {action}; "
+                "check the device and the gateway before it"
+            )
         return answer
