@@ -138,7 +138,7 @@ class OpenLog:
         return optional_library("pandas", "to_pandas").DataFrame(self.series).set_index("frame")
 
     def to_xarray(self, frames: Sequence[int] | None = None) -> xarray.Dataset:
-        """Fields over (frame, y, x), NaN where not measured, with units as attributes.
+        """Fields over (frame, y, x), NaN where not measured, with units as attributes; with the pixel size also coordinates in µm.
 
         Args:
             frames: numbers of the frames; all of them by default, which all fit into memory then.
@@ -158,4 +158,8 @@ class OpenLog:
                 fields[name][at][inside] = getattr(frame, name)[inside]
         data = {name: (("frame", "y", "x"), values, {"units": UNITS[name]}) for name, values in fields.items()}
         along = {name: ("frame", column[[place[one] for one in numbers]]) for name, column in self.series.items() if name != "frame"}
-        return library.Dataset(data, {"frame": numbers, "y": grid.y_px, "x": grid.x_px, **along}, {"log": self._path.name, **self.elastic})
+        axes, size_um = {"y": grid.y_px, "x": grid.x_px}, self.pixel_size_um
+        places = {name: (name, values, {"units": "px"}) for name, values in axes.items()}
+        if size_um is not None:
+            places |= {f"{name}_um": (name, size_um * values, {"units": "um"}) for name, values in axes.items()}
+        return library.Dataset(data, {"frame": numbers, **places, **along}, {"log": self._path.name, **self.elastic})

@@ -184,6 +184,13 @@ def test_no_axis_degenerates(run: Run, tab: Callable[..., Page]) -> None:
             });
         }"""
     )
+    drawn = page.evaluate(
+        """async () => {
+            const {ticks} = await import("/static/chart.js");
+            return [[0, 2.5, 5, 7.5], [0.925, 0.95, 0.975, 1], [0, 20, 40], [-0.5, 0, 0.5]].map((splits) => ticks(null, splits));
+        }"""
+    )
+    assert drawn == [["0.0", "2.5", "5.0", "7.5"], ["0.925", "0.950", "0.975", "1.000"], ["0", "20", "40"], ["\u22120.5", "0.0", "0.5"]]
     for width, numbers in found:
         assert width > 0.0
         assert len(set(numbers)) == 4, numbers

@@ -25,7 +25,7 @@ SHOWN = {
     "hold": ("holding", r"\d+ s left", r"\d+ min", "70.4 ± 1.1 GPa", "no alarm"),
     "imaging": ("imaging", "", r"\d+ min", "70.4 ± 1.1 GPa", "no alarm"),
     "paused": ("paused", "", r"\d+ min", "70.4 ± 1.1 GPa", "no alarm"),
-    "question": ("moving", "", r"\d+ min", "70.4 ± 1.1 GPa", "1 question"),
+    "question": ("question", "", r"\d+ min", "70.4 ± 1.1 GPa", "1 question"),
     "fault": ("FAULT", "", r"\d+ min", "70.4 ± 1.1 GPa", "1 ALARM"),
     "finished": ("complete", "", "none", "70.40 ± 0.64 GPa", "no alarm"),
 }

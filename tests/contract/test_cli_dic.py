@@ -224,7 +224,7 @@ def test_a_wrong_file_is_reported_before_anything_is_written(folder):
         (["ref.tif", "a.tif", "--roi", "1,2,3"], "--roi 1,2,3: is not four whole numbers"),
         (["ref.tif", "a.tif", "--subset", "101"], "no subset of 101 px fits into the complete frame"),
         (["ref.tif", "a.tif", "--out", "."], "is a folder"),
-        (["ref.tif", "a.tif", "b.tif", "--out", "text.tif"], "cannot be made"),
+        (["ref.tif", "a.tif", "b.tif", "--out", "text.tif"], "text.tif is a file"),
     ],
 )
 def test_bad_input_gives_one_error_line(folder, monkeypatch, arguments, message):

@@ -9,10 +9,11 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from semlive.cli.shared.output_path import output_file, output_folder
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.cli.shared.tables import score_table
 from semlive.report.scoring.errors import compare_with_truth
-from semlive.report.scoring.figures import save_figures
+from semlive.report.scoring.figures import SHEET_SUFFIXES, save_figures
 from semlive.report.scoring.score import load_truth
 from semlive.report.scoring.score import score as scored
 from semlive.report.scoring.truth import Truth
@@ -29,6 +30,8 @@ def score(
     ] = None,
 ) -> None:
     """Compare every recovered quantity with its true value, and check whether the stated uncertainties hold."""
+    if figures is not None:
+        (output_file if figures.suffix.lower() in SHEET_SUFFIXES else output_folder)(figures, "--figures")
     with multi_stage_progress() as progress:
         result, _ = result_from_maps(log, ReplayCallbacks(progress))
     true_values = load_truth(truth)

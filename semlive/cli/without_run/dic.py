@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from semlive import dic as engine
+from semlive.cli.shared.output_path import output_file, output_folder
 from semlive.cli.shared.progress_bar import compile_with_progress
 from semlive.cli.shared.terminal import echo
 from semlive.data.disparity import DisparityMap, PoiStatus
@@ -224,15 +225,9 @@ def _output_files(out: Path | None, cur: list[Path]) -> list[Path]:
     """Paths of the CSV files, one for each current image; their folder is made and checked before the correlation starts."""
     if out is None:
         return []
-    try:
-        if len(cur) == 1:
-            if out.is_dir():
-                raise BadInput(f"--out {out}: is a folder; with one current image give a file name.")
-            out.parent.mkdir(parents=True, exist_ok=True)
-            return [out]
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"--out {out}: cannot be made ({error.strerror}); give a path that can be written.") from error
+    if len(cur) == 1:
+        return [output_file(out, "--out")]
+    output_folder(out, "--out").mkdir(parents=True, exist_ok=True)
     names = [f"{path.stem}.csv" for path in cur]
     if len(set(names)) < len(names):
         names = [f"{number:03d}_{name}" for number, name in enumerate(names, start=1)]

@@ -13,7 +13,7 @@ Three parts of a residual are not an inadequate model, so they belong to the nul
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,10 +52,12 @@ class Adequacy:
     Attributes:
         pairs: number of pairs.
         where: test of each domain; p-values are corrected for the number of domains of this test.
+        field_px: longest edge of the measured field, px.
     """
 
     pairs: int
     where: tuple[DomainTest, ...]
+    field_px: float
 
     @property
     def significance_level(self) -> float:
@@ -83,7 +85,8 @@ class Adequacy:
         chance = f"p = {test.p_value:.1g}" if test.p_value >= 1e-99 else "p < 1e-99"
         text = (
             f"the residual of the maps after {self.pairs} pairs is not white, test over {_DOMAIN_TEXT[test.domain]}: {chance}, "
-            f"{test.rms_px:.4f} px rms; an effect is missing in the model"
+            f"{test.rms_px:.4f} px rms, as much as by a strain of {_strain_of(test.rms_px, self.field_px):.0e} over the field; "
+            "an effect is missing in the model"
         )
         return (warning(NoteCode.RESIDUAL, text),)
 
@@ -121,11 +124,11 @@ def adequacy_of(observation: Observation, whiten: Whitener | None = None, effect
     raster, waves = (_used_raster_changes(observation), RASTER_PX), (fraction_waves(observation.geometry), OWN_BIAS_PX)
     allowed = [field for field in (*effects, raster, waves) if field[0].shape[-1]]
     baseline = _noise_scaled(observation, whiten, allowed)
-    result = Adequacy(len(observation.steps), _domain_tests(baseline))
+    result = Adequacy(len(observation.steps), _domain_tests(baseline), _edge_px(observation.geometry))
     noise = None if result.most_significant is None else unequal_noise(baseline)
     if noise is None:
         return result
-    return Adequacy(result.pairs, _domain_tests(_noise_scaled(observation, noise.whiten, allowed)))
+    return replace(result, where=_domain_tests(_noise_scaled(observation, noise.whiten, allowed)))
 
 
 def _most_likely_whitener(observation: Observation) -> Whitener:
@@ -176,7 +179,17 @@ def _domain_tests(baseline: HyperparameterGrid) -> tuple[DomainTest, ...]:
 
 def harmless_px(scene: RunGeometry) -> float:
     """Root mean square of the displacement by `HARMLESS_STRAIN` over the field, px."""
-    return HARMLESS_STRAIN * float(np.ptp(scene.address_px[0], axis=0).max()) / float(np.sqrt(12.0))
+    return HARMLESS_STRAIN * _edge_px(scene) / float(np.sqrt(12.0))
+
+
+def _edge_px(scene: RunGeometry) -> float:
+    """Longest edge of the measured field, px."""
+    return float(np.ptp(scene.address_px[0], axis=0).max())
+
+
+def _strain_of(rms_px: float, field_px: float) -> float:
+    """Uniform strain along the longest edge of the field that displaces its points by this root mean square."""
+    return rms_px * float(np.sqrt(12.0)) / field_px
 
 
 def negligible_px(name: str, scene: RunGeometry) -> float:

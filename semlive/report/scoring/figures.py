@@ -15,7 +15,7 @@ from semlive.errors import BadInput
 from semlive.report.scoring.errors import COMPONENTS, RunErrors
 
 _COLOURS = ("#2563eb", "#d97706", "#0f766e", "#be123c")
-_SUFFIXES = (".png", ".svg", ".pdf")
+SHEET_SUFFIXES = (".png", ".svg", ".pdf")
 _POINTS = 200
 
 
@@ -107,7 +107,7 @@ def save_figures(errors: RunErrors, where: Path) -> tuple[Path, ...]:
         BadInput: a file cannot be written.
     """
     try:
-        if where.suffix.lower() in _SUFFIXES:
+        if where.suffix.lower() in SHEET_SUFFIXES:
             where.parent.mkdir(parents=True, exist_ok=True)
             sheet = Figure(figsize=(12.0, 12.0), layout="constrained")
             for part, draw in zip(np.ravel(np.asarray(sheet.subfigures(2, 2))), DRAWINGS.values(), strict=True):

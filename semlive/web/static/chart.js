@@ -11,7 +11,9 @@ export function ticks(_, splits) {
     const digits = Math.min(8, Math.max(1, Math.ceil(Math.log10(largest / step))));
     return splits.map((value) => (value === null ? "" : value === 0 ? "0" : value.toExponential(digits).replaceAll("-", "−")));
   }
-  const places = Math.min(9, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
+  let places = Math.min(9, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
+  // Of the steps of uPlot (1, 2, 2.5 and 5 times a power of ten) 2.5 has one place more; without it 2.5 was shown as 3.
+  if (places < 9 && Math.abs(step * 10 ** places - Math.round(step * 10 ** places)) > 0.01) places += 1;
   return splits.map((value) => (value === null ? "" : value.toFixed(places).replace("-", "−")));
 }
 

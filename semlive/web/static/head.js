@@ -18,10 +18,11 @@ export function head() {
 }
 
 function state(told) {
-  const { run, protocol, schedule } = told;
+  const { run, protocol, schedule, desk } = told;
   latest = told;
   if (!protocol) return;
-  const [word, mood] = STATES[protocol.state] ?? [protocol.state, "calm"];
+  // A load frame that a person moves is "moving" until the answer: across the room that reads as if nothing were to be done.
+  const [word, mood] = desk?.questions.length && !protocol.asks ? ["question", "wait"] : STATES[protocol.state] ?? [protocol.state, "calm"];
   say(byId("state-word"), word);
   const sign = byId("state");
   sign.dataset.mood = mood;

@@ -12,7 +12,7 @@ export function lists() {
   panel(["frames", "now"], refused);
   panel(["lines", "now"], log);
   const planRows = () => state?.schedule?.steps.map((step, at) => [at + 1, step.warm_up ? "warm-up" : step.phase, ...step.shift_px, step.load_n, at < state.schedule.done]) ?? [];
-  saves(byId("plan").closest(".panel"), "plan", { csv: () => [["step", "phase", "shift_x_px", "shift_y_px", "load_n", "taken"], planRows()] });
+  for (const id of ["plan", "steps"]) saves(byId(id).closest(".panel"), id, { csv: () => [["step", "phase", "shift_x_px", "shift_y_px", "load_n", "taken"], planRows()] });
   saves(byId("refused").closest(".panel"), "frames_not_used", { csv: () => [["time", "name", "reason"], tables.refused] });
   saves(byId("log").closest(".panel"), "log", { csv: () => [["time", "level", "text"], tables.log] });
 }

@@ -57,7 +57,8 @@ def test_series_estimate_and_configuration(log: OpenLog) -> None:
 def test_xarray_has_units_coordinates_and_nan_where_nothing_was_measured(log: OpenLog) -> None:
     cube = log.to_xarray([0, 22, 23])
     assert cube.u.dims == ("frame", "y", "x")
-    assert cube.u.attrs["units"] == "px"
+    assert cube.u.attrs["units"] == cube.x.attrs["units"] == "px"
+    assert ("x_um" in cube.coords) is (log.pixel_size_um is not None)
     np.testing.assert_array_equal(np.isnan(cube.v.sel(frame=23)), ~log.frames[23].valid)
     assert cube.load_n.sel(frame=23).item() == pytest.approx(213.3)
     assert float(cube.eyy.sel(frame=22).mean()) == pytest.approx(3e-3, rel=0.05)

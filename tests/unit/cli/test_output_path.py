@@ -29,6 +29,11 @@ COMMANDS = (
     ("simulate", "short", "--out", "FOLDER"),
     ("demo", "--out", "FOLDER"),
     ("init", "FILE", "--yes"),
+    ("score", "LOG", "--truth", "LOG", "--figures", "FOLDER"),
+    ("qualify", "--from", "LOG", "--out", "FILE"),
+    ("qualify", "--from", "LOG", "--report", "FILE"),
+    ("qualify", "--from", "LOG", "--pdf", "FILE"),
+    ("qualify", "--from", "LOG", "--protocol", "FILE"),
 )
 
 

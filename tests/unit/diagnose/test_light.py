@@ -65,13 +65,14 @@ def test_a_hidden_effect_is_found_in_its_domain(name: str, domain: str, by: int)
 
     # Once in a run, whatever figures and domain a later look has.
     news, warned = new_warnings((note,), frozenset())
-    later = Adequacy(by + 1, (DomainTest("space", 1e-30, 0.1),)).notes()
+    later = Adequacy(by + 1, (DomainTest("space", 1e-30, 0.1),), 1000.0).notes()
     assert len(news) == 1
+    assert "0.1000 px rms, as much as by a strain of 3e-04 over the field" in later[0].text
     assert new_warnings(later, warned)[0] == ()
 
 
 def test_all_looks_together_spend_what_is_allowed() -> None:
-    spent = [Adequacy(pairs, ()).significance_level for pairs in range(5, 10_000)]
+    spent = [Adequacy(pairs, (), 1000.0).significance_level for pairs in range(5, 10_000)]
     assert 0.999 * FALSE_ALARM_RATE < sum(spent) < FALSE_ALARM_RATE
 
 
