@@ -66,36 +66,54 @@ def _score(objective: CandidateObjective, projected_field: ProjectedField) -> fl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Line:
-    """One parameter varied about a value, in steps of the grid, to half a step beyond the grid."""
+    """Parameters varied about their values along one direction, in steps of the grid, to half a step beyond the grid."""
 
     objective: CandidateObjective
     values: dict[str, float]
-    theta: NonlinearParameter
+    direction: Array
     low: float
     high: float
 
     @classmethod
-    def of(cls, objective: CandidateObjective, values: dict[str, float], theta: NonlinearParameter) -> _Line:
-        grid_values = [value[theta.name] for value in objective.grid() if theta.name in value]
-        if not grid_values:
-            return cls(objective, values, theta, -np.inf, np.inf)
-        start = values[theta.name]
-        limits = [
-            math.log(value / start, theta.step) if theta.ratio else (value - start) / theta.step
-            for value in (min(grid_values), max(grid_values))
+    def of(cls, objective: CandidateObjective, values: dict[str, float], direction: Array) -> _Line:
+        """The line along a direction (t,) in steps."""
+        ranges = [
+            sorted(limit / weight for limit in _limits(objective, values[theta.name], theta))
+            for theta, weight in zip(objective.family.nonlinear_parameters, direction.tolist(), strict=True)
+            if weight
         ]
-        return cls(objective, values, theta, min(limits[0] - 0.5, 0.0), max(limits[1] + 0.5, 0.0))
+        return cls(objective, values, direction, max(low for low, _ in ranges), min(high for _, high in ranges))
 
-    def at(self, steps: float) -> float:
-        start = self.values[self.theta.name]
-        return start * self.theta.step**steps if self.theta.ratio else start + self.theta.step * steps
+    def at(self, steps: float) -> dict[str, float]:
+        """Values at so many steps."""
+        return _moved(self.objective.family, self.values, steps * self.direction)
 
     def project(self, steps: float) -> ProjectedField | None:
-        return self.objective.evaluate({**self.values, self.theta.name: self.at(steps)})
+        return self.objective.evaluate(self.at(steps))
 
     def score(self, steps: float) -> float:
         projected_field = self.project(steps)
         return -UNOBSERVABLE_PENALTY if projected_field is None else _score(self.objective, projected_field)
+
+
+def _moved(family: EffectClass, values: Values, steps: Array) -> dict[str, float]:
+    """Values with each nonlinear parameter moved by (t,) steps of the grid."""
+    each = zip(family.nonlinear_parameters, steps.tolist(), strict=True)
+    return {**values} | {
+        theta.name: values[theta.name] * theta.step**step if theta.ratio else values[theta.name] + theta.step * step for theta, step in each
+    }
+
+
+def _limits(objective: CandidateObjective, start: float, theta: NonlinearParameter) -> tuple[float, float]:
+    """Range of a parameter, in steps from a start."""
+    grid_values = [value[theta.name] for value in objective.grid() if theta.name in value]
+    if not grid_values:
+        return -np.inf, np.inf
+    low, high = (
+        math.log(value / start, theta.step) if theta.ratio else (value - start) / theta.step
+        for value in (min(grid_values), max(grid_values))
+    )
+    return min(low - 0.5, 0.0), max(high + 0.5, 0.0)
 
 
 def optimise_parameters(objective: CandidateObjective, start: Values) -> dict[str, float]:
@@ -104,15 +122,15 @@ def optimise_parameters(objective: CandidateObjective, start: Values) -> dict[st
         return LinearPosterior(objective.sums, objective.size_px).most_likely(start)
     values = dict(start)
     for _ in range(MAX_PASSES):
-        for theta in objective.family.nonlinear_parameters:
-            line = _Line.of(objective, values, theta)
+        for direction in np.eye(len(objective.family.nonlinear_parameters)):
+            line = _Line.of(objective, values, direction)
             minimum: Any = minimize_scalar(
                 lambda steps, line=line: -line.score(float(steps)),
                 bounds=(max(line.low, -1.0), min(line.high, 1.0)),
                 method="bounded",
                 options={"xatol": TOLERANCE_STEPS, "maxiter": MAX_EVALUATIONS},
             )
-            values[theta.name] = line.at(float(minimum.x))
+            values = line.at(float(minimum.x))
     return values
 
 
@@ -132,20 +150,41 @@ class ParameterSpread:
 
 
 def parameter_spread(objective: CandidateObjective, values: dict[str, float], mean: Array) -> ParameterSpread:
-    """Uncertainty of the nonlinear parameters about their most likely values: of a linear class jointly, else one at a time."""
+    """Joint uncertainty of the nonlinear parameters about their most likely values, and of the amplitudes that follow them.
+
+    The posterior is integrated along its principal axes. With each parameter varied alone and the others fixed, the intervals of the two
+    time constants of charging neglected their correlation: 80 of 94 stated for 90 % contained the truth.
+    """
     if objective.sums is not None:
         sigmas, widths, covariance = LinearPosterior(objective.sums, objective.size_px).spread(values)
         return ParameterSpread(tuple(sigmas.tolist()), tuple(widths.tolist()), covariance)
-    thetas = objective.family.nonlinear_parameters
-    spreads = [_posterior_spread(_Line.of(objective, values, theta), mean) for theta in thetas]
-    sigmas = tuple(sigma for sigma, _ in spreads)
-    units = [abs(values[theta.name] * math.log(theta.step)) if theta.ratio else theta.step for theta in thetas]
-    widths = tuple(sigma / unit for sigma, unit in zip(sigmas, units, strict=True))
-    return ParameterSpread(sigmas, widths, np.sum([covariance for _, covariance in spreads] or [np.zeros((len(mean),) * 2)], axis=0))
+    thetas, t = objective.family.nonlinear_parameters, len(objective.family.nonlinear_parameters)
+    units = np.array([abs(values[theta.name] * math.log(theta.step)) if theta.ratio else theta.step for theta in thetas])
+    each = [_posterior_covariance(_Line.of(objective, values, axis), mean) for axis in _principal_axes(objective, values)]
+    widths = [math.sqrt(float(np.sum(np.diag(one)[:t] / units**2))) for one in each]
+    total = np.sum(each or [np.zeros((len(mean),) * 2)], axis=0)
+    return ParameterSpread(tuple(np.sqrt(np.diag(total)[:t]).tolist()), tuple(widths), total[t:, t:])
 
 
-def _posterior_spread(line: _Line, mean: Array) -> tuple[float, Array]:
-    """Standard uncertainty of a parameter, and the resulting (q, q) covariance of the amplitudes, integrated over its posterior.
+def _principal_axes(objective: CandidateObjective, values: dict[str, float]) -> Array:
+    """(t, t) directions in steps, one a row, along which the curvature of the posterior has no mixed terms."""
+    each = np.eye(len(objective.family.nonlinear_parameters))
+    if len(each) < 2:
+        return each
+
+    def score(steps: Array) -> float:
+        projected_field = objective.evaluate(_moved(objective.family, values, CURVATURE_STEP * steps))
+        return -UNOBSERVABLE_PENALTY if projected_field is None else _score(objective, projected_field)
+
+    mixed = np.zeros(each.shape)
+    for i, j in zip(*np.triu_indices(len(each)), strict=True):
+        both, difference = each[i] + each[j], each[i] - each[j]
+        mixed[i, j] = mixed[j, i] = score(difference) + score(-difference) - score(both) - score(-both)
+    return np.linalg.eigh(mixed)[1].T if np.abs(mixed).max() < 0.5 * UNOBSERVABLE_PENALTY else each
+
+
+def _posterior_covariance(line: _Line, mean: Array) -> Array:
+    """(t + q, t + q) mean outer product of the deviations of parameters and amplitudes, integrated over the posterior along a line.
 
     A change of a tenth in the log onset time changes creep by a tenth. With the onset treated as exact, amplitudes of creep deviated by 2.2
     to 5.5 standard uncertainties in 12 of 12 runs. The posterior is wider than the curvature at its peak indicates.
@@ -153,32 +192,27 @@ def _posterior_spread(line: _Line, mean: Array) -> tuple[float, Array]:
     top = line.score(0.0)
     curvature = 2.0 * top - line.score(-CURVATURE_STEP) - line.score(CURVATURE_STEP)
     distance = min(0.5 * CURVATURE_STEP / math.sqrt(curvature), MAX_SPREAD_STEPS) if curvature > 0.0 else MAX_SPREAD_STEPS
-    scores, squares, changes = [0.0], [0.0], [np.zeros(len(mean))]
+    names = [theta.name for theta in line.objective.family.nonlinear_parameters]
+    scores, changes = [0.0], [np.zeros(len(names) + len(mean))]
     for steps in (distance, -distance):
         for place in range(1, MAX_POSTERIOR_STEPS):
             projected_field = line.project(steps * place) if line.low <= steps * place <= line.high else None
             if projected_field is None or (score := _score(line.objective, projected_field) - top) < -POSTERIOR_LOG_DEPTH:
                 break
             scores.append(score)
-            squares.append((line.at(steps * place) - line.at(0.0)) ** 2)
-            changes.append(projected_field.amplitudes(0, line.objective.size_px)[0] - mean)
-    return posterior_moments(scores, squares, changes)
+            deviation = [line.at(steps * place)[name] - line.values[name] for name in names]
+            changes.append(np.concatenate((deviation, projected_field.amplitudes(0, line.objective.size_px)[0] - mean)))
+    return posterior_moments(scores, changes)
 
 
-def posterior_moments(scores: Sequence[float], squares: Sequence[float], changes: Sequence[Array]) -> tuple[float, Array]:
-    """Root mean square of a parameter's deviation, and mean outer product (q, q) of the changes of the amplitudes.
+def posterior_moments(scores: Sequence[float], changes: Sequence[Array]) -> Array:
+    """(n, n) mean outer product of changes.
 
     Where the data are far from the model, the start can be less likely than its surroundings by more than a number can hold.
 
     Args:
-        scores: log likelihood of each value of the parameter, relative to the start.
-        squares: squared deviation of each value.
-        changes: (q,) change of the amplitudes at each value.
+        scores: log likelihood of each change, relative to the start.
+        changes: (n,) changes of parameters and amplitudes from the start.
     """
-    shift = max(0.0, max(scores) - MAX_EXPONENT)
-    total, square, outer = 0.0, 0.0, np.zeros((len(changes[0]),) * 2)
-    for score, distance2, change in zip(scores, squares, changes, strict=True):
-        weight = math.exp(score - shift)
-        total, square = total + weight, square + weight * distance2
-        outer += weight * np.outer(change, change)
-    return math.sqrt(square / total), outer / total
+    weights = np.exp(np.array(scores) - max(0.0, max(scores) - MAX_EXPONENT))
+    return np.einsum("k,ki,kj->ij", weights / weights.sum(), changes, changes)

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from blind.deformed import DEFORMED, deformed
 from blind.experiment import Conditions, beyond_shear_px, largest_px
-from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, hidden_effect, hidden_values
+from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, hidden_constants, hidden_effect, hidden_values
 from blind.observing import observed
 from blind.strange import STRANGE
 from numexp.noise import NoiseKind
@@ -113,6 +113,10 @@ class Case:
         if self.kind in (UNLISTED, CONFOUNDED, DEFORMED_LAW):
             return {name: {} for name in self.names}
         return {name: hidden_values(name, one) for name, one in zip(self.names, self.effects(), strict=True)}
+
+    def constants(self) -> dict[str, float]:
+        """Nonlinear parameters of a single effect."""
+        return hidden_constants(self.names[0], self.effects()[0]) if self.kind == ONE else {}
 
     def conditions(self) -> Conditions:
         """As they are stated for sizes that can be detected; where nothing is hidden they vary."""

@@ -69,6 +69,19 @@ def hidden_values(name: str, effect: Any) -> dict[str, float]:
     return {}
 
 
+def hidden_constants(name: str, effect: Any) -> dict[str, float]:
+    """The time constants, instants and widths of a hidden effect, by the names that a diagnosis uses."""
+    return {constant: float(getattr(effect, constant)) for constant in _CONSTANTS.get(name, ())}
+
+
+_CONSTANTS = {
+    "creep_in_hold": ("onset_s",),
+    "load_step_transient": ("time_constant_s",),
+    "stage_step_transient": ("time_constant_s",),
+    "drift_jump": ("at_s",),
+    "charging_frame_ramp": ("charging_s", "dose_s"),
+    "charging_local_lens": ("width_px",),
+}
 _REPORTED = {
     "creep_in_hold": {"strain_per_n": "strain_per_n"},
     "load_step_transient": {"x_px_per_n": "x_px_per_n", "y_px_per_n": "y_px_per_n"},

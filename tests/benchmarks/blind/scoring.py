@@ -12,6 +12,7 @@ from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from scipy.stats import beta
 
 LEVEL = 0.95
+NORMAL_90 = 1.645  # standard deviations of an interval of 90 %
 Verdict = dict[str, object]
 Scored = Sequence[tuple[Case, Verdict]]
 
@@ -119,7 +120,12 @@ def table(scored: Scored) -> str:
     """All that there are cases of, as Markdown."""
     rows = (item.row() for item in bars(scored) if item.total)
     lines = ["| | cases | share | bound, one-sided 95 % | required | |", "|---|---|---|---|---|---|", *rows, ""]
-    return "\n".join([*lines, *_faint(scored), *_sheared(scored), *_each_effect(scored), *_sizes(scored), *_missed(scored)]) + "\n"
+    return (
+        "\n".join(
+            [*lines, *_faint(scored), *_sheared(scored), *_each_effect(scored), *_sizes(scored), *_each_parameter(scored), *_missed(scored)]
+        )
+        + "\n"
+    )
 
 
 def _faint(scored: Scored) -> list[str]:
@@ -179,6 +185,29 @@ def _sizes(scored: Scored) -> list[str]:
     return [*lines, ""]
 
 
+def _each_parameter(scored: Scored) -> list[str]:
+    """Deviations in stated standard uncertainties. Cases of one seed have the same noise at every size, so sizes are not pooled."""
+    sizes = sorted({case.size for case, _ in scored if case.kind == ONE})
+    deviations: dict[tuple[str, str], dict[float, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for case, item in scored:
+        if case.kind == ONE and judged(case, item) == "right":
+            (name,), parameters = case.names, item["parameters"]
+            own = parameters.get(name, {}) if isinstance(parameters, dict) else {}
+            for parameter, true in {**case.truth()[name], **case.constants()}.items():
+                if parameter in own:
+                    value, sigma = own[parameter]
+                    deviations[name, parameter][case.size].append((value - true) / sigma)
+    lines = ["| effect | parameter | " + " | ".join(f"{size:g} times" for size in sizes) + " |", "|---" * (len(sizes) + 2) + "|"]
+    for (name, parameter), by_size in deviations.items():
+        cells = [_deviations(by_size[size]) if by_size[size] else "" for size in sizes]
+        lines.append(f"| `{name}` | `{parameter}` | " + " | ".join(cells) + " |")
+    return [*lines, ""] if deviations else []
+
+
+def _deviations(each: Sequence[float]) -> str:
+    return f"{np.sqrt(np.mean(np.square(each))):.2f}, {sum(abs(one) < NORMAL_90 for one in each)} of {len(each)}"
+
+
 def _errors(case: Case, verdict: Verdict) -> Iterable[tuple[float, bool]]:
     """Relative error of each parameter, and whether the stated 90 % interval holds the truth."""
     parameters = verdict["parameters"]
@@ -187,7 +216,7 @@ def _errors(case: Case, verdict: Verdict) -> Iterable[tuple[float, bool]]:
         for item, true in values.items():
             if item in own:
                 value, sigma = own[item]
-                yield abs(value - true) / abs(true), abs(value - true) < 1.645 * sigma
+                yield abs(value - true) / abs(true), abs(value - true) < NORMAL_90 * sigma
 
 
 def _missed(scored: Scored) -> list[str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +19,14 @@ from blind.observing import observed
 
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
-from semlive.diagnose.baseline.bayes_factor import project, score_candidates
+from semlive.diagnose.baseline.bayes_factor import ProjectedField, project, score_candidates
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.maps.linear_parameters import LinearParameterSums
+from semlive.diagnose.maps.parameter_search import parameter_spread
 from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
-from semlive.model.effects import EFFECT_CLASSES
+from semlive.model.effects import EFFECT_CLASSES, EffectClass, NonlinearParameter
+from semlive.model.effects.effect_class import Values
 from semlive.model.effects.maps.image_field import AFFINE
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
@@ -121,3 +125,33 @@ def test_only_what_is_linear_is_a_sum(scaling: HyperparameterGrid) -> None:
             assert half is not None
             assert high is not None
             assert half.field_px == pytest.approx(0.5 * (low.field_px + high.field_px), abs=1e-12)
+
+
+PRECISION = 400.0 * np.array([[1.0, 0.9], [0.9, 1.0]])  # per squared step
+
+
+@dataclass(frozen=True)
+class CorrelatedPosterior:
+    """Normal posterior of two parameters about (3, 7), in steps of the grid; the one amplitude is nearly constant."""
+
+    family: EffectClass
+    size_px: float = 1.0
+    sums: None = None
+
+    def grid(self) -> Iterable[Values]:
+        return ({"first": 0.0, "second": 0.0}, {"first": 20.0, "second": 40.0})
+
+    def evaluate(self, values: Values) -> ProjectedField:
+        steps = np.array([values["first"] - 3.0, 0.5 * (values["second"] - 7.0)])
+        gradient = np.sqrt(4e4 - 2.0 * steps @ PRECISION @ steps)  # half of its square over 1 + information is the log posterior
+        return ProjectedField(np.ones((1, 1)), np.ones((1, 1, 1)), np.array([[gradient]]))
+
+
+def test_correlated_parameters_are_as_uncertain_as_their_joint_posterior() -> None:
+    """With each varied alone their uncertainties are 2.3 times too small."""
+    parameters = (NonlinearParameter("first", "s", 1.0), NonlinearParameter("second", "s", 2.0))
+    family = EffectClass("correlated", "", lambda scene, values: None, nonlinear_parameters=parameters)
+    spread = parameter_spread(CorrelatedPosterior(family), {"first": 3.0, "second": 7.0}, np.array([100.0]))
+    expected = np.sqrt(np.diag(np.linalg.inv(PRECISION))) * [1.0, 2.0]
+    assert spread.sigmas == pytest.approx(expected, rel=0.05)
+    assert np.prod(spread.widths_steps) == pytest.approx(np.linalg.det(PRECISION) ** -0.5, rel=0.05)
