@@ -12,6 +12,7 @@ from scipy import stats
 from semlive.data.disparity import DisparityMap
 from semlive.data.frame import FrameInfo
 from semlive.qualify.intervals import magnitude_interval, quantiles, scaled
+from semlive.qualify.noise import independent_points
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ def pair_rate(disparity: DisparityMap, interval_s: float, interval_sigma_s: floa
         row_s: row time. A point that moves down by a row is scanned a row later, which changes the rate of a warm microscope by 0.3 %.
     """
     valid = disparity.valid
-    independent = max(float(valid.sum()) * min(1.0, disparity.grid.step_px / disparity.grid.subset_px) ** 2, 1.0)
+    independent = independent_points(disparity, 1)
     interval_s += row_s * float(disparity.v_px[valid].mean())
     rate = np.array([disparity.u_px[valid].mean(), disparity.v_px[valid].mean()]) / interval_s
     noise_px = np.array([np.sqrt(np.mean(sigma[valid] ** 2)) for sigma in (disparity.sigma_u_px, disparity.sigma_v_px)])

@@ -24,7 +24,7 @@ TREND = ((0, 0), (1, 0), (0, 1), (0, 2), (0, 3), (1, 1))
 STRAIN_TERMS = (2, 4, 3)
 """Terms of the trend that take part in exx, eyy and exy."""
 OVERLAP_GAIN = 2.25
-"""Independent values of a variance per subset: the squared triangular correlation of overlapping subsets has the area 4/9 subset^2."""
+"""Independent values of a variance per gauge: the squared triangular correlation of overlapping gauges has the area 4/9 gauge^2."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +77,15 @@ def displacement_scatter(maps: Sequence[DisparityMap]) -> Scatter | None:
         if fields is not None:
             freed = independent / (independent - len(TREND))
             rows.append([freed * float(np.mean(field[disparity.valid] ** 2)) for field in fields])
-    return Scatter(subset, np.array(rows), OVERLAP_GAIN * independent) if rows else None
+    return Scatter(subset, np.array(rows), min(independent_points(disparity, 2) for disparity in maps)) if rows else None
+
+
+def independent_points(disparity: DisparityMap, power: int) -> float:
+    """Independent values in a map for a mean (power 1) or a variance (power 2): two subsets are correlated by their overlap."""
+    grid = disparity.grid
+    overlap = 1.0 - np.arange(0, grid.subset_px, grid.step_px) / grid.subset_px
+    along_axis = 2.0 * float(np.sum(overlap**power)) - 1.0
+    return max(float(disparity.valid.sum()) / along_axis**2, 1.0)
 
 
 def white_noise(maps: Sequence[DisparityMap]) -> tuple[float, float]:

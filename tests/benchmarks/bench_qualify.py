@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numexp.coverage import CALIBRATION_PAIRS, GRID, SMALL, WINDOW_POINTS
+from numexp.coverage import CALIBRATION_PAIRS, GRID, SMALL, WINDOW_POINTS, affine_distortion
 from numexp.experiment import Experiment, make_experiment
 from numexp.world import HEIGHT_PX, WIDTH_PX, Field
 
@@ -40,6 +40,8 @@ LIMITING = {
     "qualify_warm_tungsten": "drift",
     "qualify_hum": "mains_hum",
     "qualify_slow_settling": "row_start_settling",
+    "qualify_poor_stage": "stage",
+    "qualify_wrong_row_time": "wrong_row_time",
 }
 """The effect of each simulated microscope; it must be the limit without or with correction."""
 
@@ -83,23 +85,21 @@ def checked(seed: int) -> list[Checked]:
     return [
         Checked("distortion", largest, quantiles(draws.largest_px)),
         Checked("false_strain_per_px", float(strain), draws.strain_per_px),
-        _drift(experiment),
+        *_drift(experiment),
         _noise(experiment),
     ]
 
 
-def _drift(experiment: Experiment) -> Checked:
-    """Rate of the last calibration pair; the truth is the mean motion from frame to frame."""
-    taken = experiment.pairs[CALIBRATION_PAIRS - 1]
-    interval_s = taken.times[1].start_s - taken.times[0].start_s
+def _drift(experiment: Experiment) -> list[Checked]:
+    """Rate of every calibration pair; the truth is the mean motion from frame to frame, in px of the distorted image."""
     x, y = (axis.ravel() for axis in GRID.mesh())
-    drift = experiment.world.column.drift
-    before, after = (drift.at(when.start_s + when.timing.time_in_frame_s(x, y)).mean(axis=0) for when in taken.times)
-    return Checked(
-        "drift_rate",
-        float(np.linalg.norm(after - before)) / interval_s,
-        magnitude_interval(*pair_rate(taken.maps[0], interval_s, 0.0, taken.times[0].timing.row_time_s.value), 1),
-    )
+    drift, distorted, found = experiment.world.column.drift, np.eye(2) + affine_distortion(experiment), list[Checked]()
+    for taken in experiment.pairs[:CALIBRATION_PAIRS]:
+        interval_s = taken.times[1].start_s - taken.times[0].start_s
+        before, after = (drift.at(when.start_s + when.timing.time_in_frame_s(x, y)).mean(axis=0) for when in taken.times)
+        rate = pair_rate(taken.maps[0], interval_s, 0.0, taken.times[0].timing.row_time_s.value)
+        found.append(Checked("drift_rate", float(np.linalg.norm(distorted @ (after - before))) / interval_s, magnitude_interval(*rate, 1)))
+    return found
 
 
 def _noise(experiment: Experiment) -> Checked:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from pypdf import PdfReader
 from scipy import ndimage
 
 from semlive.service.config.configuration import load_config
@@ -44,7 +45,8 @@ def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_folder_is_qualified(frames: Path, tmp_path: Path, semlive: Call) -> None:
-    files = {option: tmp_path / name for option, name in (("-o", "a.json"), ("--report", "a.html"), ("--protocol", "a.yaml"))}
+    names = (("-o", "a.json"), ("--report", "a.html"), ("--pdf", "a.pdf"), ("--protocol", "a.yaml"))
+    files = {option: tmp_path / name for option, name in names}
     given = [part for option, path in files.items() for part in (option, path)]
     code, output, errors = semlive("qualify", "--from", frames, "--quick", "--json", *given)
     assert code == 0, errors
@@ -59,6 +61,10 @@ def test_a_folder_is_qualified(frames: Path, tmp_path: Path, semlive: Call) -> N
     assert figures["stage_scale_x"]["low"] <= 1.0 <= figures["stage_scale_x"]["high"]
     missing = {item["name"] for item in found["undetermined"]}
     assert {"drift_decay", "further_effects"} <= missing
+    pages = PdfReader(files["--pdf"]).pages
+    text = " ".join(" ".join(page.extract_text() for page in pages).split())
+    assert found["limits"][0]["remedy"] in text
+    assert 1 <= len(pages) <= 6
     code, planned, errors = semlive("plan", files["--protocol"], "--json")
     assert code == 0, errors
     assert json.loads(planned)["pairs"] == len(found["protocol"]["shifts_px"])

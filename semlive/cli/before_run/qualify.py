@@ -22,9 +22,10 @@ from semlive.qualify.values import Qualification
 from semlive.report.document.html_writer import html_page
 from semlive.report.qualification_report import change_text, figure_text, history_document, limiting_text, qualification_document
 from semlive.service.config.configuration import load_config
-from semlive.service.qualification.files import configuration_text, read_qualification, to_json
+from semlive.service.qualification.files import read_qualification, to_json
 from semlive.service.qualification.log_pairs import is_log
 from semlive.service.qualification.plan import plan_text
+from semlive.service.qualification.recommended import configuration_text
 from semlive.service.qualification.run import QualifyRequest, qualify_source
 
 _MICRO = 1e6
@@ -49,7 +50,11 @@ def qualify(
         Path | None, typer.Option("--protocol", help="Write the recommended protocol as a configuration for semlive run.")
     ] = None,
     config: Annotated[
-        Path | None, typer.Option("--config", help="Configuration of a run; its scan profiles supply values that the files lack.")
+        Path | None,
+        typer.Option(
+            "--config",
+            help="Configuration of the instrument: its scan profiles supply values that files lack, its devices take --protocol.",
+        ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Do not search the maps for effects beyond drift and distortion.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -71,7 +76,7 @@ def qualify(
     profile = ScanProfile() if config is None else load_config(config).sem.scan_profile
     with multi_stage_progress() as progress:
         found = qualify_source(QualifyRequest(source, profile, search_effects=not quick), progress)
-    configuration = configuration_text(found, Path("sem-export") if is_log(source) else source.resolve())
+    configuration = configuration_text(found, Path("sem-export") if is_log(source) else source.resolve(), config)
     if out is not None:
         write_text(out, to_json(found))
     if protocol is not None:

@@ -6,16 +6,13 @@ from pathlib import Path
 
 import yaml
 
-from semlive.inputs.files import read_regular
-from semlive.inputs.yaml_text import MOST_BYTES, read_yaml
 from semlive.qualify.drift import MIN_PAIRS_DECAY
 from semlive.qualify.protocol import STEPS
-from semlive.service.config.configuration import Config, load_config, parse_config
+from semlive.service.config.configuration import Config, parse_config
+from semlive.service.qualification.instrument import instrument_of
 
 USUAL_SHIFT_PX = 24.0
 """Largest shift without calibration shifts in the configuration: 3 % of a frame of 884 rows, rounded to the cross of the paper."""
-_LOADED = ("load_frame", "limits", "model", "confirmed_unusual")
-_UNCHANGED = ("hold_s", "settle_s", "stage_tolerance_um", "motion_timeout_s", "frame_timeout_s", "recentre_beyond_px")
 
 
 def plan_text(path: Path) -> str:
@@ -30,19 +27,10 @@ def plan_text(path: Path) -> str:
     Raises:
         BadConfig: the configuration is invalid, or has no stage.
     """
-    config = load_config(path)
-    given = read_yaml(read_regular(path, MOST_BYTES), str(path)).value
-    assert isinstance(given, dict)  # a valid configuration
-    protocol = given.get("protocol")
-    unchanged = {key: value for key, value in protocol.items() if key in _UNCHANGED} if isinstance(protocol, dict) else {}
-    shifts = [[0.0, 0.0]] * MIN_PAIRS_DECAY + [[0.5 * _largest_px(config) * x, 0.5 * _largest_px(config) * y] for x, y in STEPS]
-    planned = {key: value for key, value in given.items() if key not in _LOADED}
-    sem = dict(planned["sem"])
-    sem["folder"] = str(config.sem.folder)
-    planned["sem"] = sem
-    clock = {} if config.run.clock_file is None else {"clock_file": str(config.run.clock_file)}
-    planned["run"] = {"name": f"{config.run.name}-qualify", "folder": str(config.run.folder), **clock}
-    planned["protocol"] = {**unchanged, "calibration_shifts_px": shifts}
+    instrument = instrument_of(path, "qualify")
+    half_px = 0.5 * _largest_px(instrument.config)
+    shifts = [[0.0, 0.0]] * MIN_PAIRS_DECAY + [[half_px * x, half_px * y] for x, y in STEPS]
+    planned = {**instrument.sections, "protocol": {**instrument.sections["protocol"], "calibration_shifts_px": shifts}}
     parse_config(planned, str(path))
     head = "# Run that qualifies the microscope; evaluate it with `semlive qualify --from LOG`.\n"
     return head + yaml.safe_dump(planned, sort_keys=False, allow_unicode=True)

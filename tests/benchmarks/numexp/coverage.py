@@ -66,7 +66,7 @@ def normalised(case: Case, seed: int, grid: Grid = GRID) -> Normalised:
 
 def _drift(experiment: Experiment, drift: DriftEstimate) -> Field:
     """(frames, 2, 2) change from the middle of each frame to its start and end; in the raster less its affine distortion."""
-    scaled = np.eye(2) + _affine(experiment)
+    scaled = np.eye(2) + affine_distortion(experiment)
     z = []
     for frame in np.unique(drift.frame):
         inside = np.flatnonzero(drift.frame == frame)
@@ -83,7 +83,7 @@ def _forecast(experiment: Experiment, forecast: DriftForecast | None) -> Field:
     """(scans, 2) mean rate over scans that follow the last frame."""
     assert forecast is not None  # the joint method gives one
     true = _drift_px(experiment, forecast.time_s + forecast.duration_s) - _drift_px(experiment, forecast.time_s)
-    return (forecast.rate_px_s - true @ (np.eye(2) + _affine(experiment)).T / forecast.duration_s) / forecast.sigma_px_s
+    return (forecast.rate_px_s - true @ (np.eye(2) + affine_distortion(experiment)).T / forecast.duration_s) / forecast.sigma_px_s
 
 
 def _drift_px(experiment: Experiment, time_s: Field) -> Field:
@@ -92,7 +92,7 @@ def _drift_px(experiment: Experiment, time_s: Field) -> Field:
     return column.drift.at(time_s) + (0.0 if more is None else more)
 
 
-def _affine(experiment: Experiment) -> Field:
+def affine_distortion(experiment: Experiment) -> Field:
     """(2, 2) gradient of the true distortion's best affine map over the grid, which unknown translations do not determine."""
     address = np.stack(experiment.grid.mesh(), axis=-1).reshape(-1, 2)
     columns = np.column_stack((np.ones(len(address)), address))

@@ -15,7 +15,8 @@ from semlive.qualify.values import FORMAT_VERSION, Conditions, Figure, Protocol,
 from semlive.report.document.html_writer import html_page
 from semlive.report.qualification_report import figure_text, history_document
 from semlive.service.config.configuration import load_config
-from semlive.service.qualification.files import configuration_text, read_qualification, to_json
+from semlive.service.qualification.files import read_qualification, to_json
+from semlive.service.qualification.recommended import configuration_text
 
 CONDITIONS = Conditions("folder", 1_767_600_000_000_000_000, 18, 9, 512, 442, 1e-4, 0.06, 26.52, 1250.0, "fei", True)
 PROTOCOL = Protocol(600.0, 0.01, 2.0, 31, 3, 19, ((0.0, 0.0), (12.0, 0.0), (0.0, -12.0)), 26.5, 20.0)
