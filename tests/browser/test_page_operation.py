@@ -162,6 +162,7 @@ def test_a_warning_about_a_result_does_not_cover_an_alarm_that_needs_a_person(
 
 
 def test_a_transition_appears_at_once(run: Run, tab: Callable[..., Page]) -> None:
+    """With an open question too: it never replaces a fault."""
     page = tab()
     page.goto(f"http://127.0.0.1:{run.port}/")
     for state, word in (("imaging", "imaging"), ("fault", "FAULT"), ("complete", "complete")):

@@ -22,7 +22,7 @@ function state(told) {
   latest = told;
   if (!protocol) return;
   // A load frame that a person moves is "moving" until the answer: across the room that reads as if nothing were to be done.
-  const [word, mood] = desk?.questions.length && !protocol.asks ? ["question", "wait"] : STATES[protocol.state] ?? [protocol.state, "calm"];
+  const [word, mood] = protocol.state === "ramping" && desk?.questions.length && !protocol.asks ? ["question", "wait"] : STATES[protocol.state] ?? [protocol.state, "calm"];
   say(byId("state-word"), word);
   const sign = byId("state");
   sign.dataset.mood = mood;
