@@ -31,7 +31,7 @@ def test_scenarios_have_the_values_of_the_paper(name: str) -> None:
 
 
 def test_every_scenario_that_comes_along_can_be_read() -> None:
-    qualified = ["good", "hum", "slow_settling", "warm_tungsten"]
+    qualified = ["good", "hum", "poor_stage", "slow_settling", "warm_tungsten", "wrong_row_time"]
     usual = ["paper_x10000", "paper_x200", "paper_x200_fig11", *(f"qualify_{name}" for name in qualified)]
     assert names() == [*usual, "rehearsal", "rehearsal_short", "short"]
     for name in names():
