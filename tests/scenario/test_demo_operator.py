@@ -22,7 +22,8 @@ from semlive.service.log.files import messages
 MOVE = re.compile(r"move the specimen about .*?then press enter", re.DOTALL)
 LOAD = re.compile(r"bring the load to ([\d.]+) N at .*?press enter when it is there", re.DOTALL)
 PAGE = re.compile(r"live page: http://([\d.]+):(\d+)/#token=(\w+)")
-QUESTION = re.compile(rb'"question": ?"(terminal\.\d+)"')
+LAST_QUESTION = re.compile(rb'"question": ?"(terminal\.\d+)", ?"text": ?"[^"]*load to 300 N')
+"""The page may be seconds behind the terminal and show the question before it."""
 COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 TIMEOUT_S = 500.0
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "rehearsal.md"
@@ -70,7 +71,7 @@ class Person:
             events = http.client.HTTPConnection(host, port, timeout=60)
             events.request("GET", "/events")
             stream, received = events.getresponse(), b""
-            while (shown := QUESTION.search(received)) is None:
+            while (shown := LAST_QUESTION.search(received)) is None:
                 received += stream.read1(65536)
             self._question = shown[1].decode()
             events.close()
