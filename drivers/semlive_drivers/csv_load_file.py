@@ -21,7 +21,11 @@ from semlive_drivers.settings import checked
 from semlive_drivers.units import factor, unit_named
 
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(?:['\u2019 \u00a0\u202f.,][0-9]{2,3})+(?:[.,][0-9]*)?")
-_KINDS = {"force": ("N", "kN", "mN", "daN", "kg", "g", "t", "lbF"), "extension": ("mm", "um", "m", "in"), "gage": ("ustrain", "%", "1")}
+_KINDS = {
+    "force": ("N", "kN", "mN", "uN", "daN", "kg", "g", "t", "lbF"),
+    "extension": ("mm", "um", "m", "in"),
+    "gage": ("ustrain", "%", "1"),
+}
 
 
 class Column(BaseModel):
@@ -246,7 +250,7 @@ def _value(column: _TableColumn, newest: NewestLine) -> float | None:
         return number * column.factor
     if column.kind == "gage" and (number is not None or not any(letter.isdigit() for letter in text)):
         return None
-    where = f"{newest.path} holds {text[:40]!r} in column {column.column.column}"
+    where = f"{newest.path}: {newest.line} holds {text[:40]!r} in column {column.column.column}"
     if number is not None:
         raise LinkError(f"{where}, which is no reading but a lost value; check the sensor and the program that writes it")
     if sign_of(text) is Sign.THOUSANDS or _THOUSANDS.fullmatch(text):

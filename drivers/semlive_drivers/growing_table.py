@@ -8,16 +8,24 @@ from pathlib import Path
 
 from semlive.errors import BadInput
 from semlive.inputs.files import open_regular
-from semlive.inputs.text_table import ColumnSelector, Convention, Layout, decoded, encoding_of, is_blank, layout_of, lines_of
+from semlive.inputs.text_cells import SPREADSHEETS
+from semlive.inputs.text_table import (
+    TITLE_LINES,
+    ColumnSelector,
+    Convention,
+    Layout,
+    decoded,
+    encoding_of,
+    is_blank,
+    layout_of,
+    lines_of,
+    number_in,
+)
 
 _WINDOW_BYTES = 65_536
 """Bytes at the beginning in which the head is searched, and at the end in which the newest line is searched."""
-_SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
-"""First bytes of XLSX (a ZIP archive) and XLS."""
 _CONTINUATION_BYTES = bytes(range(0x80, 0xC0))
 """Bytes within a character of UTF-8."""
-_MAX_HEAD_LINES = 200
-"""Lines in which the names of columns are searched: programs write a description of the test above them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +37,19 @@ class NewestLine:
         end: byte after the end of the line; it grows with the file.
         layout: layout of the table.
         cells: cells of the line.
+        number: number of the line, from 1; None in a file of which only the end is read.
     """
 
     path: Path
     end: int
     layout: Layout
     cells: list[str]
+    number: int | None
+
+    @property
+    def line(self) -> str:
+        """The line, for messages."""
+        return "the newest line" if self.number is None else f"line {self.number}"
 
 
 class GrowingTable:
@@ -51,6 +66,7 @@ class GrowingTable:
         self._path: Path | None = None
         self._layout: Layout | None = None
         self._layout_head = b""
+        self._begins_with_text = False
 
     def newest(self, path: Path) -> NewestLine | None:
         """The newest complete line of numbers; None while there is none. Text after the last line feed is ignored.
@@ -89,7 +105,12 @@ class GrowingTable:
             return None
         cells = self._layout.cells(lines[index], None if offset else index + 1)
         self._layout = self._layout.after(cells)
-        return NewestLine(path, offset + end, self._layout, cells)
+        for _ in lines[index + 1 :]:  # blank lines and comments are no reading, so the file does not grow by them
+            end = _end_of_lines(window, width, end - width)
+        newest = NewestLine(path, offset + end, self._layout, cells, None if offset else index + 1)
+        if _is_text(cells[0]) and not self._begins_with_text:
+            raise BadInput(f"{path}: {newest.line} begins with {cells[0][:40]!r} and not with a number; record lines of readings only.")
+        return newest
 
     def _detect_layout(self, path: Path, text: str, head: bytes) -> None:
         """Detect the layout from the complete lines at the beginning, if one of them holds numbers."""
@@ -98,9 +119,16 @@ class GrowingTable:
             if len(head) == 0 and path.stat().st_size > _WINDOW_BYTES:
                 raise BadInput(f"{path}: its first line is longer than {_WINDOW_BYTES} bytes; record lines of numbers.")
             return
-        layout = layout_of(lines, str(path), self._number_columns, self._convention, _MAX_HEAD_LINES)
-        if any(not is_blank(line) for line in lines[layout.first_line - 1 :]):
+        layout = layout_of(lines, str(path), self._number_columns, self._convention, TITLE_LINES)
+        first = next((line for line in lines[layout.first_line - 1 :] if not is_blank(line)), None)
+        if first is not None:
             self._layout, self._layout_head = layout, head
+            self._begins_with_text = _is_text(layout.cells(first)[0])
+
+
+def _is_text(cell: str) -> bool:
+    """Whether a cell is a text, as in ``Mean;;0.5``, and neither a number nor a lost value."""
+    return cell[:1].isalpha() and number_in(cell, "") is None
 
 
 def _check_text(path: Path, start: bytes, head: bytes, width: int) -> None:
@@ -115,15 +143,15 @@ def _check_text(path: Path, start: bytes, head: bytes, width: int) -> None:
     Raises:
         BadInput: it is no text, or its lines end in carriage returns.
     """
-    if start.startswith(_SPREADSHEETS) or (width == 1 and b"\0" in head):
+    if start.startswith(SPREADSHEETS) or (width == 1 and b"\0" in head):
         raise BadInput(f"{path}: is no plain text, but a spreadsheet or another binary file; record lines of text (CSV).")
     if width == 1 and not head and b"\r" in start.rstrip(b"\r\0"):
         raise BadInput(f"{path}: its lines end in carriage returns without line feeds; write line feeds.")
 
 
-def _end_of_lines(data: bytes, width: int) -> int:
-    """End of the last complete line; 0 if there is none."""
-    end = len(data)
+def _end_of_lines(data: bytes, width: int, end: int | None = None) -> int:
+    """End of the last complete line in the first `end` bytes, or in all; 0 if there is none."""
+    end = len(data) if end is None else end
     while (end := data.rfind(b"\n", 0, end)) >= 0:
         if width == 1:
             return end + 1

@@ -11,6 +11,7 @@ FACTORS = {
     "N": 1.0,
     "kN": 1e3,
     "mN": 1e-3,
+    "uN": 1e-6,
     "daN": 10.0,
     "kg": 9.80665,
     "g": 9.80665e-3,
@@ -59,7 +60,7 @@ def factor(unit: str, where: str) -> float:
     return FACTORS[name]
 
 
-_MICRO = re.compile(r"(?:[^\x00-\x7f]{1,3}|u)(m|e|ε|strain)|micro(n|strain)", re.IGNORECASE)
+_MICRO = re.compile(r"(?:[^\x00-\x7f]{1,3}|u)(m|n|e|ε|strain)|micro(n|strain)", re.IGNORECASE)
 """A micro sign of any code page: no other prefix of these units is outside ASCII."""
 
 
@@ -73,5 +74,5 @@ def unit_named(text: str) -> str:
         return "N" if text == "n" else ""
     micro = _MICRO.fullmatch(lower)
     if micro is not None:
-        return "um" if (micro[1] or micro[2]) in ("m", "n") else "ustrain"
+        return {"m": "um", "n": "uN"}.get(micro[1], "um" if micro[2] == "n" else "ustrain")
     return _ALIASES.get(lower, "")

@@ -18,7 +18,7 @@ from semlive.inputs.text_cells import (
 )
 from semlive.inputs.text_head import Rows, own_separator
 from semlive.inputs.text_layout import AmbiguousTable, Layout, miscounted
-from semlive.inputs.text_number import Sign, is_lost, is_whole, sign_of
+from semlive.inputs.text_number import Sign, is_lost, is_whole, number_in, sign_of
 
 DEFINITE = 10**6
 """Weight of a problem in a layout that fits the head in all other respects."""
@@ -48,6 +48,22 @@ def check_counts(layout: Layout, rows: Rows) -> None:
         if len(cells) != expected:
             error = miscounted(f"{layout.where}: line {number}", cells, expected, layout.separator, layout.head_line)
             raise Misfit(1000 * (1 + fitting) + expected, error)
+
+
+def check_first_line(layout: Layout, rows: Rows) -> None:
+    """Refuse a factor with a unit, such as ``10^3 N``, above the numbers of a required column.
+
+    Raises:
+        Misfit: the first line has such a cell, and the second has a number.
+    """
+    if not layout.head_line or len(rows) < 2:
+        return
+    (line, cells), (_, below) = rows[:2]
+    for place in layout.number_places:
+        text = cells[place]
+        if number_in(text, "") is None and _may_be_number(below[place]) and is_no_name(text.split()[-1]):
+            message = f"{layout.where}: line {line}: {text[:40]!r} below the names is neither a number nor a known unit; write the unit."
+            raise Misfit(DEFINITE, BadInput(message))
 
 
 def check_above(lines: Sequence[str], start: int, layout: Layout, rows: Rows, given: str) -> None:

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from semlive.errors import BadInput
-from semlive.inputs.text_number import is_lost
+from semlive.inputs.text_number import SPREADSHEET_MARK, is_lost
 
 LONGEST_LINE = 100_000
 """Characters."""
 _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
+SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+"""First bytes of XLSX (a ZIP archive) and XLS."""
 _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _DECLARED = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
@@ -39,7 +41,8 @@ _STATED_UNIT = re.compile(r"[\[(,/_]\s*([^\s\[(),;/_\]]+)(?=[\s\]),;]|$)")
 _UNITS_OF_READINGS = frozenset(("n", "kn", "mn", "µn", "un", "nn", "dan", "kgf", "lbf", "kg", "um", "µm", "μm", "mm", "nm", "%", "ustrain"))
 """Units that state what a column without another name contains."""
 _NAMES_AS_WELL = frozenset(("t", "v", "c", "h"))
-_COMMENT = re.compile(r"\s*#(?!n/?a|nv|wert|value|div|ref|name|num|zahl)", re.IGNORECASE)
+_COMMENT = re.compile(rf"\s*(?!{SPREADSHEET_MARK}|#{{2,}}\s*[;,\t])#", re.IGNORECASE)
+"""A line that begins with an error value of a spreadsheet is no comment: the line before it would remain the newest one."""
 _HEAD_COMMENT = re.compile(r"\s*(?:%(?!\s*(?:[;,\t\])]|$))|!|\||//)")
 """Other signs of comments, which are accepted above the numbers only; ``%;N`` is a line of units."""
 _DECIMAL_COMMA = re.compile(r"[0-9],[0-9]")
@@ -75,6 +78,8 @@ def text_of(data: bytes, where: str, encoding: str = "utf-8") -> str:
     Raises:
         BadInput: the data are not plain text.
     """
+    if data.startswith(SPREADSHEETS):
+        raise BadInput(f"{where}: is a spreadsheet, no plain text; save it as CSV.")
     start, encoding = encoding_of(data, encoding)
     try:
         text = decoded(data[start:], encoding, "strict")
@@ -206,9 +211,15 @@ def is_no_name(cell: str) -> bool:
 
 
 def is_line_of_units(cells: Sequence[str]) -> bool:
-    """Whether a line below the names contains units: neither numbers nor marks of lost values, also if a unit is unknown."""
+    """Whether a line below the names contains units: neither numbers nor marks of lost values, also if a unit is unknown.
+
+    ``-``, ``1`` and ``n/a`` are units without a dimension if another cell is a unit.
+    """
     filled = [cell for cell in cells if cell]
-    return bool(filled) and not any(is_lost(cell) or _BEGINS_WITH_DIGIT.match(cell) for cell in filled)
+    named = [cell for cell in filled if cell.strip("[]() ") != "1" and not is_lost(cell.strip("[]() "))]
+    if any(map(_BEGINS_WITH_DIGIT.match, named)):
+        return False
+    return bool(named) and (len(named) == len(filled) or any(map(is_no_name, named)))
 
 
 def is_line_of_numbers(cells: Sequence[str]) -> bool:
@@ -246,11 +257,11 @@ def joined_units(names: Sequence[str]) -> list[str]:
 
 
 def _column(raw: str) -> Column:
-    plain = unicodedata.normalize("NFKC", raw)  # brackets of Chinese and Japanese texts
+    plain = unicodedata.normalize("NFKC", raw)  # brackets and wide letters of Chinese and Japanese texts
     if plain.strip("[]() ").casefold() in _UNITS_OF_READINGS:
         return Column(raw, raw, plain.strip("[]() "))
     for pattern in (_BRACKET, _SLASH, _AFTER_COMMA, _FINAL_UNIT):
         match = pattern.fullmatch(plain)
         if match is not None and match[1] and (pattern is not _AFTER_COMMA or is_unit(match[2])):
             return Column(raw, match[1].strip(), match[2].strip())
-    return Column(raw, raw, "")
+    return Column(raw, plain, "")

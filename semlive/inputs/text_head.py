@@ -29,6 +29,7 @@ SEPARATORS = ("\t", ";", ",", " ")
 """Separators that are detected; a blank means any sequence of blanks."""
 Rows = list[tuple[int, list[str]]]
 """Line number, from 1, and cells of each line of numbers."""
+_UNIT_LINES = 3
 _GROUPED = re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*")
 """A number with groups of three digits and a decimal comma, which is refused by name."""
 _NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]|\{[^}]*\}')
@@ -97,7 +98,9 @@ def names_above(lines: Sequence[str], start: int, separator: str, cells: int) ->
 def separator_above(lines: Sequence[str], start: int, cells: int) -> str:
     """Return the separator of a comment above the numbers that has so many cells by itself; empty if it has another number."""
     for line in reversed(lines[:start]):
-        if line.strip() and is_head_comment(line) and not is_decoration(line):
+        if line.strip() and not is_remark(line):
+            break
+        if is_head_comment(line) and not is_decoration(line):
             text = comment_text(line)
             separator = own_separator(text)
             names = _cells(text, separator)
@@ -136,15 +139,42 @@ def _before_units(text: str) -> list[str]:
 
 
 def with_units(columns: tuple[Column, ...], lines: Sequence[str], data_from: int, separator: str) -> tuple[tuple[Column, ...], int]:
-    """Return the columns with the units of a line below the names, and the place of the first line of numbers."""
-    for place in range(data_from, min(len(lines), data_from + 3)):
-        if lines[place].strip():
-            cells = _cells(lines[place], separator)
-            if len(cells) == len(columns) and is_line_of_units(cells):
-                units = [cell.strip("[](){}<> ") for cell in cells]
-                return tuple(replace(column, unit=column.unit or unit) for column, unit in zip(columns, units, strict=True)), place + 1
+    """Return the columns with the units of a line below the names, and the place of the first line of numbers.
+
+    Of several lines of texts below the names, the first with a known unit is that of the units. The names may be there twice.
+    """
+    texts: list[list[str]] = []
+    first = data_from
+    for place in range(data_from, min(len(lines), data_from + _UNIT_LINES)):
+        cells = _cells(lines[place], separator)
+        if not lines[place].strip():
+            continue
+        if len(cells) != len(columns) or not is_line_of_units(cells):
             break
-    return columns, data_from
+        texts += [cells] if cells != [column.raw for column in columns] else []
+        first = place + 1
+    units = next((cells for cells in texts if any(map(is_no_name, cells))), texts[0] if texts else [])
+    return _with_units(columns, units), first
+
+
+def with_units_above(columns: tuple[Column, ...], lines: Sequence[str], head: int, separator: str) -> tuple[Column, ...]:
+    """Return the columns with the units of a line of texts directly above the names, if one of them is a known unit."""
+    cells = _cells(lines[head - 1], separator) if head > 0 else []
+    is_units = len(cells) == len(columns) > 1 and is_line_of_units(cells) and any(map(is_no_name, cells))
+    return _with_units(columns, cells if is_units else [])
+
+
+def _with_units(columns: tuple[Column, ...], cells: Sequence[str]) -> tuple[Column, ...]:
+    """Return the columns with the units in the cells; two different units of a column are both named."""
+    return tuple(
+        replace(column, unit=_one_unit(column.unit, cell.strip("[](){}<> "))) for column, cell in zip(columns, cells, strict=True)
+    ) if cells else columns  # fmt: skip
+
+
+def _one_unit(unit: str, other: str) -> str:
+    if not unit or not other or unit.casefold() == other.casefold():
+        return unit or other
+    return f"{unit} and {other}" if is_unit(unit) and is_unit(other) else other if is_unit(other) else unit
 
 
 def _cells(line: str, separator: str) -> list[str]:

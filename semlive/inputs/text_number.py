@@ -13,8 +13,13 @@ _NUMBER = {
 _WHOLE = re.compile(r"[+-]?[0-9]+(?:[eEdD][+-]?[0-9]+)?")
 _LIKE_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(?:(?:,[0-9]{3})+\.[0-9]*|(?:\.[0-9]{3})+,[0-9]*|(?:,[0-9]{3}){2,}|(?:\.[0-9]{3}){2,})")
+SPREADSHEET_MARK = r"#(?:(?:n/?a|nv|n/[bd]|н/д)(?!\w)|(?:value|ref|name|num|null|div/0)[!?]|(?-i:[¡¿]?[^\W\d_a-zß-ÿа-я]+(?:/0)?[!?]))"
+"""Error values of spreadsheets in any language: ``#N/A``, ``#NV``, ``#NUM!``, ``#BEZUG!``, ``#¡DIV/0!``, ``#NOM?``."""
 _LOST = re.compile(
-    r"[+-]?nan[0-9]*(?:\(\w*\))?|[+-]?1[.,]#(?:ind|qnan|snan|nan)[0-9]*|#n/?a|#nv|#wert!|#value!|#div/0!|n/?a|null|none|-+|\.|",
+    r"[+-]?nan[0-9]*(?:\s?\(\w*\))?|[+-]?1[.,]#(?:ind|qnan|snan|nan|j)[0-9]*|n/?a|n\.\s?a\.|k\.\s?a\.|<na>|nat|null|nil|none"
+    r"|n\. def\.|neun"  # NaN of .NET in German and Spanish
+    r"|#{2,}|\*{2,}"  # number too long for its column, in spreadsheets and in Fortran
+    rf"|{SPREADSHEET_MARK}|[-\u2212\u2013\u2014]+|\.|",
     re.IGNORECASE,
 )
 _MINUS = str.maketrans("\N{MINUS SIGN}\N{EN DASH}\N{FULLWIDTH HYPHEN-MINUS}", "---")
@@ -52,7 +57,7 @@ def sign_of(cell: str) -> Sign:
 
 
 def is_lost(cell: str) -> bool:
-    """Whether a cell marks a missing value: empty, ``nan``, ``-nan(ind)``, ``1.#QNAN``, ``#N/A``, ``--`` and similar marks."""
+    """Whether a cell marks a missing value: empty, ``nan``, ``-nan(ind)``, ``1.#QNAN``, ``#NUM!``, ``--`` and similar marks."""
     return _LOST.fullmatch(cell) is not None
 
 

@@ -20,6 +20,7 @@ from semlive.inputs.text_ambiguity import (
     check_bars,
     check_counts,
     check_description,
+    check_first_line,
     check_groups,
     check_pairs,
     decimal_sign,
@@ -43,6 +44,7 @@ from semlive.inputs.text_cells import (
 )
 from semlive.inputs.text_head import (
     SEPARATORS,
+    Rows,
     contains_numbers,
     is_possible_separator,
     names_above,
@@ -50,6 +52,7 @@ from semlive.inputs.text_head import (
     possible_starts,
     separator_above,
     with_units,
+    with_units_above,
     without_trailing,
 )
 from semlive.inputs.text_layout import SEPARATOR_NAMES, AmbiguousTable, Convention, Layout, two_separators, wide_spans
@@ -58,6 +61,7 @@ from semlive.inputs.text_number import Sign, is_whole, number_in, sign_of
 __all__ = [
     "LONGEST_LINE",
     "SEPARATORS",
+    "TITLE_LINES",
     "AmbiguousTable",
     "Column",
     "ColumnSelector",
@@ -73,8 +77,14 @@ __all__ = [
     "text_of",
 ]
 
+_NO_NAMES = 50
+"""Weight of numbers without names, more than that of a title above them."""
 _QUOTES = 100
-"""Weight of broken quotes in a possible line of names, more than that of a column that is missing below."""
+"""Weight of broken quotes in a possible line of names, more than that of numbers without names below."""
+_ABOVE_NUMBERS = 500
+"""Weight of a line with as many cells as the line of numbers below it: names, not a title."""
+TITLE_LINES = 200
+"""Lines in which the names of columns are searched below titles, for tables whose columns are required by names."""
 ColumnSelector = Callable[[tuple[Column, ...]], tuple[int, ...]]
 """Returns the places of the columns of numbers that a caller requires; raises BadInput if the head does not name them (``{head}`` is its
 line)."""
@@ -126,12 +136,19 @@ def layout_of(lines: Sequence[str], where: str, select: ColumnSelector, given: C
             return _only_one(readings, where)
         refused += here
         in_numbers = in_numbers or any(contains_numbers(lines[start], separator) for separator in SEPARATORS)
-    if not refused:
-        bar = next((number for number, line in enumerate(lines, 1) if line.lstrip().startswith("|")), 0)
-        if bar:
-            raise BadInput(f"{where}: line {bar}: is separated by '|'; write tabs or semicolons.")
-        raise BadInput(f"{where}: line 1: holds no header; the first line must name the columns.")
-    raise max(refused, key=lambda item: item[0])[1]
+    raise max(refused, key=lambda item: item[0])[1] if refused else BadInput(f"{where}: {_without_table(lines)}")
+
+
+def _without_table(lines: Sequence[str]) -> str:
+    """Return why text is no table, if it contains only comments and blank lines."""
+    bar = next((number for number, line in enumerate(lines, 1) if line.lstrip().startswith("|")), 0)
+    if bar:
+        return f"line {bar}: is separated by '|'; write tabs or semicolons."
+    if not any(lines):
+        return "is empty; write the table again." if len(lines) < 2 else "holds blank lines only; write the table again."
+    if all(map(is_blank, lines)) and not any(line.strip(" \t;,") for line in lines):
+        return "holds blank lines only; write the table again."
+    return "holds comments only; write a line that names the columns, and the numbers below it."
 
 
 def _needs_names(select: ColumnSelector) -> bool:
@@ -186,7 +203,8 @@ def _readings(
     elif is_no_line_of_names(head, lines[start], separator) or (not by_name and _selects_number(select, head)):
         raise Misfit(0, BadInput(f"{at}: is no line of names, because it contains numbers or lost values; write one above the numbers."))
     named_from = data_from
-    columns, data_from = with_units(columns_of(names or [""] * len(head), separator), lines, data_from, separator)
+    columns = with_units_above(columns_of(names or [""] * len(head), separator), lines, head_line - 1, separator)
+    columns, data_from = with_units(columns, lines, data_from, separator)
     if separator == "," and data_from > named_from and not all(is_unit(column.unit) for column in columns) and not by_name:
         message = f"{where}: line {data_from}: may hold units or names; name the columns, or specify the separator."
         raise Misfit(DEFINITE, AmbiguousTable(message))
@@ -195,15 +213,31 @@ def _readings(
     try:
         places = select(columns)
     except BadInput as error:
-        if not head_line and (other := separator_above(lines, start, len(head))) not in ("", separator):
+        other = "" if head_line else separator_above(lines, start, len(head))
+        if other not in ("", separator):
             raise Misfit(DEFINITE - 1, BadInput(f"{at}: {two_separators(other, separator)}")) from error
-        raise Misfit(len(columns), BadInput(f"{where}: {str(error).replace('{head}', f'line {head_line or start + 1}')}")) from error
+        if not names and by_name and all(number_in(cell, "") is not None or sign_of(cell) is not Sign.NONE for cell in head):
+            message = f"{at}: holds numbers without names; write a line above it that names the columns."
+            raise Misfit(_NO_NAMES, BadInput(message)) from error
+        message = f"{where}: {str(error).replace('{head}', f'line {head_line or start + 1}')}"
+        raise Misfit(_weight(columns, rows) if head_line else 0, BadInput(message)) from error
     spans = wide_spans(lines[number - 1] for number, _ in rows) if separator == " " else ()
     layout = Layout(where, separator, given.decimal, columns, places, head_line, data_from + 1, spans)
+    layout = _checked(layout, rows, lines, start, by_name, given)
+    yield _Reading(layout, tuple(tuple(_value(cells[place], layout.decimal) for place in places) for _, cells in rows))
+
+
+def _checked(layout: Layout, rows: Rows, lines: Sequence[str], start: int, by_name: bool, given: Convention) -> Layout:
+    """Return a layout with its decimal sign if the first lines fit it in all respects.
+
+    Raises:
+        Misfit: they do not, or another meaning is possible.
+    """
     check_counts(layout, rows)
+    check_first_line(layout, rows)
     # A line of units above so few lines may be that of longer names, and the lines incomplete.
-    only_units = len(rows) < LINES_BELOW_A_TITLE and all(is_no_name(column.raw) for column in columns)
-    if (not head_line or only_units) and given.separator != " ":
+    only_units = len(rows) < LINES_BELOW_A_TITLE and all(is_no_name(column.raw) for column in layout.columns)
+    if (not layout.head_line or only_units) and given.separator != " ":
         check_above(lines, start, layout, rows, given.separator)
     if not by_name:
         check_description(layout, rows)
@@ -212,8 +246,13 @@ def _readings(
     if not given.decimal:
         check_pairs(layout, rows, by_name, any('"' in lines[number - 1] for number, _ in rows))
         check_groups(layout, rows)
-    layout = replace(layout, decimal=given.decimal or decimal_sign(layout, rows, given.no_thousands))
-    yield _Reading(layout, tuple(tuple(_value(cells[place], layout.decimal) for place in places) for _, cells in rows))
+    return replace(layout, decimal=given.decimal or decimal_sign(layout, rows, given.no_thousands))
+
+
+def _weight(columns: Sequence[Column], rows: Rows) -> int:
+    """Return the weight of a line of names without a required column: large above a line of numbers with as many cells."""
+    above_numbers = bool(rows) and len(rows[0][1]) == len(columns) and is_line_of_numbers(rows[0][1])
+    return len(columns) + (_ABOVE_NUMBERS if above_numbers and not all(is_no_name(column.raw) for column in columns) else 0)
 
 
 def _value(cell: str, decimal: str) -> float | str:

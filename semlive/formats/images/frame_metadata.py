@@ -161,6 +161,8 @@ def _missing(name: str, header: Header, scan: ScanMetadata) -> str:
         ways.append(f"sem.profile.field_width_mm_at_1x for its magnification {magnification.value:g}")
     if header.scan_speed and keys != ["pixel_size_m"]:
         ways.append(f"a row of sem.scan_profiles for its scan speed {header.scan_speed}")
+    if keys == ["pixel_size_m"] and header.unread_pixel:
+        return f"{name}: {header.unread_pixel}; set {', or '.join(ways)} in the configuration."
     return f"{name}: does not contain its {listed}; set {', or '.join(ways)} in the configuration."
 
 

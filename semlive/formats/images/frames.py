@@ -26,6 +26,12 @@ _VENDOR_TAGS = {
     tiff.Tag.ZEISS: "zeiss",
     tiff.Tag.TESCAN: "tescan",
 }
+_UNREAD_TAGS = {
+    "DigitalMicrograph of Gatan": (*range(65003, 65012), 65022, 65024, 65025),
+    "an Olympus program (SIS)": (33471, 33560),
+    "TVIPS": (37706,),
+}
+"""Private tags of programs whose metadata are not read, as listed by `rsciio.tiff` of hyperspy/rosettasciio."""
 _OTHER_FORMATS = {
     b"\xff\xd8\xff": "JPEG",
     b"BM": "BMP",
@@ -87,7 +93,7 @@ def parse_tiff(file: ExportedFile, page: tiff_pages.Page) -> ParsedFile:
     directory = page.directory if _VENDOR_TAGS.keys() & page.directory.tags.keys() else page.first
     header = fei.read_header(data, directory, width, rows, mtime_ns) or zeiss.read_header(data, directory, width, rows, mtime_ns)
     header = header or tescan.read_header(data, directory, mtime_ns)
-    notes = page.notes + _unreadable_tag_notes(directory, header)
+    notes = page.notes + (_unreadable_tag_notes(directory, header) or _unread_tag_notes(directory))
     header = header or _external_header(file)
     return ParsedFile(file, replace(header, notes=header.notes + notes) if notes else header, width, rows, page)
 
@@ -99,6 +105,12 @@ def _unreadable_tag_notes(directory: tiff.Directory, header: Header | None) -> t
         return ()
     code, vendor = present[0]
     return (f"its metadata in tag {code} of {vendor} cannot be read; export it again, or copy the original file.",)
+
+
+def _unread_tag_notes(directory: tiff.Directory) -> tuple[str, ...]:
+    """Return a note for each program whose private tags the file has."""
+    programs = (name for name, codes in _UNREAD_TAGS.items() if any(code in directory.tags for code in codes))
+    return tuple(f"its metadata of {name} are not read; state its pixel size and times in sem.profile." for name in programs)
 
 
 def _external_header(file: ExportedFile) -> Header:

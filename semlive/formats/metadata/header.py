@@ -35,6 +35,7 @@ class Header:
         pixel_size_m: edge of a pixel.
         embedded: date and time in the file.
         unread_time: date and time as written in the file, if they were not understood; empty otherwise.
+        unread_pixel: clause on a pixel size with two possible meanings; empty otherwise.
         column: settings of the microscope.
         geometry: settings of the scan that change the geometry of the image.
         refused: reason why the image must not be used, without the name of the file.
@@ -57,6 +58,7 @@ class Header:
     pixel_size_m: Sourced[float] | None = None
     embedded: Moment | None = None
     unread_time: str = ""
+    unread_pixel: str = ""
     column: ColumnSettings = field(default_factory=ColumnSettings)
     geometry: ScanGeometry = field(default_factory=ScanGeometry)
     refused: str | None = None

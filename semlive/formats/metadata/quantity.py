@@ -77,6 +77,28 @@ def number(text: str | None) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def decimal_sign_of(texts: Iterable[str]) -> str:
+    """Return the decimal sign of the numbers, with or without units, among some texts; empty if none shows it or they differ."""
+    signs = {sign_of(_mantissa(text)) for text in texts}
+    shown = [sign for sign, kind in ((".", Sign.POINT), (",", Sign.COMMA)) if kind in signs]
+    return shown[0] if len(shown) == 1 else ""
+
+
+def may_be_thousands(text: str) -> bool:
+    """Whether a number with or without a unit may be small or a thousand times larger: ``1,984 nm``."""
+    return sign_of(_mantissa(text)) in (Sign.POINT_OR_THOUSANDS, Sign.COMMA_OR_THOUSANDS)
+
+
+def with_decimal_point(text: str, decimal: str) -> str:
+    """Return a number that may have thousands, with or without a unit, in the way of a table with this decimal sign."""
+    return text.replace(decimal, ".", 1) if decimal in _mantissa(text) else re.sub("[.,]", "", text, count=1)
+
+
+def _mantissa(text: str) -> str:
+    match = _QUANTITY.fullmatch(text[:60])
+    return "" if match is None else match[1]
+
+
 def positive(text: str | None) -> float | None:
     """Parse a finite number above zero; None for other texts."""
     value = number(text)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from semlive.data.experiment import Phase
 from semlive.errors import BadInput
 from semlive.inputs.text_number import is_lost
-from semlive.inputs.text_table import Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
+from semlive.inputs.text_table import TITLE_LINES, Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
 
 FORMAT_VERSION = 1
 REQUIRED_COLUMNS = (
@@ -87,7 +87,7 @@ def read_frame_table(data: bytes, where: str) -> tuple[FrameRow, ...]:
         BadInput: the table is invalid; the message contains file, line, column and advice.
     """
     lines = lines_of(text_of(data, where))
-    layout = layout_of(lines, where, _numeric_places)
+    layout = layout_of(lines, where, _numeric_places, searched=TITLE_LINES)
     keys = _keys(layout.columns)
     at = {name: keys.index(key_of(name)) for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS) if key_of(name) in keys}
     rows: list[FrameRow] = []

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.errors import BadInput
-from semlive.inputs.text_table import Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
+from semlive.inputs.text_table import TITLE_LINES, Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
 
 COLUMNS = ("pixel_nm", "pixel_s", "distance_px", "shift_px", "sigma_px")
 POSITIVE = ("pixel_nm", "pixel_s", "sigma_px")
@@ -37,7 +37,7 @@ def read_profile_table(data: bytes, where: str) -> dict[tuple[float, float], NDA
         BadInput: the table is invalid; the message contains file, line, column and advice.
     """
     lines = lines_of(text_of(data, where))
-    layout = layout_of(lines, where, _places)
+    layout = layout_of(lines, where, _places, searched=TITLE_LINES)
     keys = [key_of(column.raw) for column in layout.columns]
     at = {name: keys.index(key_of(name)) for name in COLUMNS}
     profiles: dict[tuple[float, float], list[tuple[float, ...]]] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +12,11 @@ import tifffile
 from semlive.data.frame import ExportedFile
 from semlive.data.settings import ScanProfile
 from semlive.formats import check_finished
+from semlive.formats.images.frame_metadata import fill_missing, missing_metadata_message
 from semlive.formats.images.inspection import inspect_file
 from semlive.formats.metadata.key_value import decode_text
 from semlive.formats.metadata.quantity import number, quantity
-from semlive.formats.vendors import jeol, tescan
+from semlive.formats.vendors import hitachi, jeol, tescan
 
 PROFILE = ScanProfile(dwell_time_s=1e-6, row_time_s=1e-3, pixel_size_m=1e-8)
 
@@ -31,6 +33,46 @@ def exported(sidecar: bytes | None = None, tag: tuple[int, bytes] | None = None)
 def test_an_unreadable_tag_of_a_vendor_is_noted(code: int, vendor: str) -> None:
     notes = inspect_file(exported(tag=(code, bytes(range(1, 200)))), PROFILE).notes
     assert f"its metadata in tag {code} of {vendor} cannot be read; export it again, or copy the original file." in notes
+
+
+@pytest.mark.parametrize(("code", "program"), [(65009, "DigitalMicrograph of Gatan"), (33560, "an Olympus program (SIS)")])
+def test_private_tags_of_other_programs_are_noted(code: int, program: str) -> None:
+    notes = inspect_file(exported(tag=(code, bytes(8))), PROFILE).notes
+    assert notes == (f"its metadata of {program} are not read; state its pixel size and times in sem.profile.",)
+
+
+HITACHI = b"InstructName=SU8000\r\nDataSize=1280x960\r\nScanSpeed=Slow3\r\nPixelSize="
+
+
+@pytest.mark.parametrize(
+    ("text", "pixel_nm"),
+    [
+        ("1,984\r\nDPI=200.69", 1984.0),
+        ("1,984\r\nDPI=200,69", 1.984),
+        ("1,984\r\nMagnification=50000", 1.984),
+        ("1,984\r\nMagnification=50", 1984.0),
+        ("1.984", 1.984),
+        ("1.984\r\nDPI=200,69", 1984.0),
+        ("1.98 nm", 1.98),
+        ("1,984", None),
+        ("1,984\r\nMagnification=50\r\nDPI=200,69", None),
+        ("1.984\r\nMagnification=50", None),
+    ],
+)
+def test_thousands_in_a_pixel_size_are_decided_by_the_other_numbers(text: str, pixel_nm: float | None) -> None:
+    header = hitachi.read_sidecar(HITACHI + text.encode(), 0)
+    assert header is not None
+    assert (header.pixel_size_m and header.pixel_size_m.value) == (pytest.approx(pixel_nm * 1e-9) if pixel_nm else None)
+    if pixel_nm is None:
+        problem = f"its PixelSize {text[:5]!r} may be 1.984 or 1984 nm"
+        assert f"{problem}." in header.notes
+        timed = replace(PROFILE, pixel_size_m=None, databar_rows=0)
+        shown = replace(header, width_px=None, rows=None)
+        assert missing_metadata_message("a.tif", shown, 102, fill_missing("a.tif", shown, 102, 88, timed)) == (
+            f"a.tif: {problem}; set sem.profile.pixel_size_m"
+            + (", or sem.profile.field_width_mm_at_1x for its magnification 50" if "50" in text else "")
+            + " in the configuration."
+        )
 
 
 def test_the_text_of_a_tag_may_be_utf_16() -> None:

@@ -98,7 +98,7 @@ LEVEL = text("x,y,u,v", "{x:.0f},{y:.0f},1.5,-2").decode().splitlines()
 STILL = "\n".join([*LEVEL[:8], LEVEL[8].replace("1.5,-2", "0,0"), *LEVEL[9:]])
 IN_MM = [",".join(f"{float(cell) / 100:.3f}" for cell in line.split(",")) for line in good()[1:]]
 WRONG = {
-    "empty file": ("", "line 1: holds no header"),
+    "empty file": ("", "is empty"),
     "only a header": ("x,y,u,v\n", "line 2: holds no point"),
     "missing column": ("\n".join(good()).replace("x,y,u,v", "x,y,u,w"), "line 1: column v is missing"),
     "one sigma": ("\n".join(["x,y,u,v,sigma_u", *(line + ",0.1" for line in good()[1:])]), "line 1: column sigma_v is missing"),
@@ -161,7 +161,8 @@ def test_noise_that_an_engine_does_not_report_is_estimated_from_the_map(shared: 
     assert found == pytest.approx(0.025, rel=0.1)
 
 
-LOST_MARKS = ("", "nan", "NaN", "-nan(ind)", "1.#QNAN", "-1.#IND", "#N/A", "#NV", "--", "n/a", "null", "nan(snan)")
+LOST_MARKS = ("", "nan", "NaN", "-nan(ind)", "1.#QNAN", "-1.#IND", "#N/A", "#NV", "--", "n/a", "null", "nan(snan)",
+              "#NUM!", "#NAME?", "#REF!", "#VALUE!", "#DIV/0!", "#BEZUG!", "#¡NUM!", "n.a.", "NA", "k. A.", "####", "—")  # fmt: skip
 PLACES = "{x:.0f},{y:.0f},{u},{v}"
 NAMES = {
     "MatchID": "Coordinates.Image X [Pixel],Coordinates.Image Y [Pixel],"

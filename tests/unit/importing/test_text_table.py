@@ -101,7 +101,9 @@ REFUSED = {
     "missing": (("a;b\n1;2\n", "c"), "line 1: column c is missing"),
     "no text": (("a;b\n1;\0\n", "a"), "is not plain text"),
     "long line": (("a;b\n1;" + "2" * 100_001 + "\n", "a"), "its quotes are broken"),
-    "empty": (("\n\n", "a"), "line 1: holds no header"),
+    "empty": (("", "a"), "table: is empty"),
+    "blank": (("\n ;; \n", "a"), "holds blank lines only"),
+    "comments": (("# a;b\n", "a"), "holds comments only"),
 }  # fmt: skip
 
 

@@ -67,6 +67,14 @@ READ: dict[str, tuple[bytes, str, str]] = {
     "separator at the end of each line": (b"Time;Force;Ext;\n0,1;134,2;0,5;\n", "Force", "Ext"),
     "columns of fixed width": (b"   Time,   Force,     Ext\n  0.100, 134.200,   0.500\n", "Force", "Ext"),
     "line ends doubled": (b"Time,Force,Ext\r\r\n0.1,134.2,0.5\r\r\n", "Force", "Ext"),
+    "micronewtons": (b"Time_s\tForce_uN\tExt_um\n0.1\t134200000\t500\n", "Force", "Ext"),
+    "a unit that is a dash": (b"Index;Force;Ext\n-;kN;mm\n1;0,1342;0,5\n", "Force", "Ext"),
+    "a unit that is one": (b"Index;Force;Ext\n[1];[kN];[mm]\n1;0,1342;0,5\n", "Force", "Ext"),
+    "units above the names": (b"s;kN;mm\nTime;Force;Ext\n0,1;0,1342;0,5\n", "Force", "Ext"),
+    "a line of channels above the units": (b"Time;Force;Ext\nCH1;CH2;CH3\ns;kN;mm\n0,1;0,1342;0,5\n", "Force", "Ext"),
+    "names twice": (utf8(f"Time;Force;Ext\nTime;Force;Ext\n{ROWS}"), "Force", "Ext"),
+    "names of full width": (utf8(f"Ｔｉｍｅ;Ｆｏｒｃｅ;Ｅｘｔ\n{ROWS}"), "Force", "Ext"),
+    "a remark that begins like an error value": (utf8(f"#Number of channels: 3\nTime;Force;Ext\n{ROWS}#Reference\n"), "Force", "Ext"),
     "half a line at the end": (b"Time,Force,Ext\n0.1,134.2,0.5\n0.2,9", "Force", "Ext"),
 }  # fmt: skip
 REFUSED: dict[str, tuple[bytes, str]] = {
@@ -89,6 +97,12 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "digits with underscores": (b"Time,Force,Ext\n0.1,1_342,0.5\n", "holds '1_342' in column Force, which is no reading"),
     "hexadecimal": (b"Time,Force,Ext\n0.1,0x86,0.5\n", "holds '0x86' in column Force, which is no reading"),
     "minus behind the number": (b"Time;Force;Ext\n0,1;134,2-;0,5\n", "holds '134,2-' in column Force, which is no reading"),
+    "an error value": (b"Time;Force;Ext\n0,3;#NUM!;0,5\n", "line 2 holds '#NUM!' in column Force, which is no reading but a lost value"),
+    "an error value at the beginning": (b"Force;Ext\n134,2;0,5\n#VALEUR!;0,5\n", "line 3 holds '#VALEUR!' in column Force"),
+    "a column too narrow": (b"Force;Ext\n134,2;0,5\n####;0,5\n", "line 3 holds '####' in column Force"),
+    "two units": (b"Time;Force [kN];Ext\ns;N;mm\n0,1;0,1342;0,5\n", "is in 'kN and N', which is not known"),
+    "a factor below the names": (b"No;Force;Ext\n1;10^3 N;mm\n1;0,1342;0,5\n", "line 2: '10^3 N' below the names is neither a number nor"),
+    "a summary": (utf8(f"Time;Force;Ext\n{ROWS}Mean;99,9;0,5\n"), "line 4 begins with 'Mean' and not with a number"),
     "a cell missing": (b"Time,Force,Ext\n0.1,134.2\n", "has 2 cells under 3 names"),
 }  # fmt: skip
 
@@ -135,3 +149,15 @@ def test_a_long_file_with_a_typographic_minus_is_read_at_its_end(tmp_path: Path,
     rows = "−1,5;0,5;−−−−−\n" * 6000
     reading = opened(tmp_path / "load.csv", ("Force;Ext;Note" + "x" * shift + "\n" + rows).encode()).read()
     assert (reading.force_n, reading.extension_mm) == (-1.5, 0.5)
+
+
+def test_a_remark_is_no_reading(tmp_path: Path) -> None:
+    """Blank lines and comments behind the newest line do not make it newer."""
+    clock, path = Clock(), tmp_path / "load.csv"
+    path.write_text(f"Time;Force;Ext\n{ROWS}")
+    part = CsvLoadFile(CsvSettings.model_validate({"file": path, "force": {"column": "Force"}, "frozen_after_s": 1.0}), clock)
+    part.read()
+    path.write_text(f"Time;Force;Ext\n{ROWS}# paused\n\n")
+    clock.mono_ns = lambda: 2 * 10**9
+    with pytest.raises(LinkError, match=r"has not grown for 2\.0 s"):
+        part.read()
