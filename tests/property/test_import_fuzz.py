@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from semlive.data.disparity import DisparityMap
 from semlive.errors import BadInput
+from semlive.formats.tables.disparity_columns import DIALECTS
 from semlive.formats.tables.disparity_grid import check_inside, grid_of, map_on
-from semlive.formats.tables.disparity_table import DIALECTS, read_disparity_table
+from semlive.formats.tables.disparity_table import read_disparity_table
 from semlive.formats.tables.frame_table import read_frame_table
 
 FRAMES = b"""frame,pair,phase,start_s,dwell_s,row_time_s,width,height,integrations,load_n,shift_x_px,shift_y_px

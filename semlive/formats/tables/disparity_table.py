@@ -119,7 +119,7 @@ def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDi
     first = layout.first_line - 1
     last = max((place for place in range(first, len(lines)) if not is_blank(lines[place])), default=first - 1)
     body = lines[first : last + 1]
-    if (values := _parse_uniform_lines(body, layout, at, kind)) is not None:
+    if (values := _parse_uniform_lines(body, layout, at)) is not None:
         return _without_empty(values, np.arange(layout.first_line, layout.first_line + len(values)), layout.first_line)
     rows, numbers = [], []
     for number, line in enumerate(body, layout.first_line):
@@ -139,7 +139,7 @@ def _without_empty(values: Values, numbers: NDArray[np.int64], first_line: int) 
     return values[full], None if consecutive else numbers[full]
 
 
-def _parse_uniform_lines(body: list[str], layout: Layout, at: dict[str, int], kind: TableDialect) -> Values | None:
+def _parse_uniform_lines(body: list[str], layout: Layout, at: dict[str, int]) -> Values | None:
     """Parse lines of equal format, a hundred times faster than one by one; None if a line differs."""
     separator, text = layout.separator, "\n".join(body)
     if not body or separator not in SEPARATORS or '"' in text or "\r" in text or max(map(len, body)) > LONGEST_LINE:
