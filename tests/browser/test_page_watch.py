@@ -78,7 +78,7 @@ def test_an_experiment_is_watched_steered_interrupted_and_completed(
     for word in ("holding", "imaging"):
         shown(page, word, since)
         shoot(page, word)
-    expect(page.locator("#step")).to_have_text("step 5 of 5, tension", timeout=240_000)
+    expect(page.locator("#step")).to_have_text("step 5 of 5, tension 800 N", timeout=240_000)
     completed(run, page)
     shoot(page, "complete")
     assert run.end() == 0, run.printed

@@ -26,7 +26,7 @@ export const atLeast = (span, room, lift = 0) => (_, low, high) => {
 
 /**
  * A chart in an element.
- * `series`: {label, colour, side, dash, width, points, dots, gaps, span, band, format}; `span`: its axis shows at least that much; a band is two further columns, lower and upper, behind the line.
+ * `series`: {label, colour, side, dash, width, points, dots, gaps, span, band, format}; `span`: its axis shows at least that much; `most`: its axis has no label above it; a band is two further columns, lower and upper, behind the line.
  * `axes`: {x, y, side?, span?} labels; `whole`: x counts. `limits` gives horizontal lines: {at, text, scale?}; `errors` gives bars along x: [y, low, high].
  * `instead()` gives {csv, png} to save while the chart is hidden.
  * A series without any value is neither drawn nor in the key, nor has it an axis.
@@ -52,7 +52,7 @@ export function chart(element, { series, axes, x = null, limits = () => [], erro
     const ink = colour("soft"), grid = { stroke: colour("grid"), width: 1 };
     const axis = (label, more = {}) => ({ label, stroke: ink, grid, ticks: { ...grid, size: 4 }, labelSize: 16, labelGap: 0, gap: 3, size: 46, space: 34, values: ticks, font: "11px system-ui", labelFont: "11px system-ui", ...more });
     const lines = [{ label: axes.x, value: x ?? ((_, v) => (v === null ? "–" : v.toFixed(1))) }];
-    const bands = [], spans = {};
+    const bands = [], spans = {}, most = {};
     series.forEach((one, at) => {
       const scale = one.side ? "side" : "y", show = there[at];
       if (one.band) {
@@ -63,9 +63,10 @@ export function chart(element, { series, axes, x = null, limits = () => [], erro
       lines.push({ label: one.label, show, stroke: colour(one.colour), width: one.points ? 0 : one.width ?? 1.8, dash: one.dash, scale, spanGaps: Boolean(one.gaps),
         points: { show: Boolean(one.points || one.dots), size: one.points ? 7 : 5, fill: colour(one.colour), stroke: colour(one.colour) }, ...(one.points ? { paths: () => null } : {}) });
       if (one.span) spans[scale] = one.span;
+      if (one.most) most[scale] = one.most;
     });
     const two = Boolean(axes.side) && series.some((one, at) => one.side && there[at]), lift = two ? 0.35 : 0;
-    const sides = two ? [axis(axes.side, { scale: "side", side: 1, size: 50, grid: { show: false } })] : [];
+    const sides = two ? [axis(axes.side, { scale: "side", side: 1, size: 50, grid: { show: false }, filter: (_, splits) => splits.map((value) => (value > (most.side ?? Infinity) + 1e-9 ? null : value)) })] : [];
     plot = new uPlot({
       width: host.clientWidth, height: host.clientHeight, series: lines, bands, padding: [6, sides.length ? 0 : 10, 0, 0],
       axes: [axis(axes.x, { size: 22, space: 50, labelSize: 15, ...(axes.whole ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000] } : {}) }), axis(axes.y), ...sides],

@@ -103,7 +103,7 @@ function converge() {
 
 function quality() {
   const plot = chart(byId("quality"), {
-    series: [{ label: "noise of a point px", colour: "a", span: 0.004, points: true, format: n(3) }, { label: "ZNCC, median", colour: "b", side: true, span: 0.02, points: true, format: n(4) }],
+    series: [{ label: "noise of a point px", colour: "a", span: 0.004, points: true, format: n(3) }, { label: "ZNCC, median", colour: "b", side: true, span: 0.02, most: 1, points: true, format: n(4) }],
     axes: { x: "frame", y: "noise px", side: "ZNCC", whole: true, span: 2 }, x: (_, v) => (v === null ? "–" : String(v)),
   });
   panel(["quality"], ({ quality: all }) => {

@@ -32,8 +32,9 @@ function state(told) {
   if (run) nameFiles(run.name);
   document.title = run ? `${word} – ${run.name}` : "semlive";
   const step = schedule.steps[protocol.step];
-  say(byId("step"), protocol.step === null || !step ? "" : `step ${protocol.step + 1} of ${schedule.steps.length}, ${step.warm_up ? "warm-up" : step.phase}`);
-  say(byId("message"), protocol.asks ? "" : protocol.message);
+  say(byId("step"), protocol.step === null || !step ? "" : `step ${protocol.step + 1} of ${schedule.steps.length}, ${stepText(step)}`);
+  // The line above names the step already.
+  say(byId("message"), protocol.asks || /^step \d+ of /.test(protocol.message) ? "" : protocol.message);
   say(byId("next"), next(told) || "–");
   say(byId("about"), run ? `semlive ${run.version} on ${run.host}` : "");
   const trouble = byId("trouble");
@@ -60,7 +61,7 @@ function next({ run, protocol, schedule, desk }) {
     case "warming": return "the first load, when the drift is slow enough";
     case "paused": case "fault": case "estopped": case "recover": return `your decision: Resume repeats ${numbered(at) || "the step"}`;
     case "stopping": return "the end, when nothing moves";
-    case "complete": return "nothing: all steps are done";
+    case "complete": return "nothing";
     case "aborted": return "nothing: the run has ended";
     default: return "";
   }

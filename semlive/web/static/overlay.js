@@ -87,9 +87,9 @@ export function drawScaleBar(pen, view, pixelUm, fine) {
   const unit = pixelUm ?? 1, most = (0.3 * view.width) / view.scale * unit;
   const length = roundLength(most), wide = (length / unit) * view.scale, text = pixelUm ? onSpecimen(length) : `${length} px`;
   const x = view.left + 10 * fine, y = view.top + view.height - 12 * fine;
-  pen.font = `600 ${12 * fine}px system-ui, sans-serif`;
+  pen.font = `600 ${14 * fine}px system-ui, sans-serif`;
   pen.fillStyle = SHADE;
-  pen.fillRect(x - 6 * fine, y - 20 * fine, Math.max(wide, pen.measureText(text).width) + 12 * fine, 28 * fine);
+  pen.fillRect(x - 6 * fine, y - 22 * fine, Math.max(wide, pen.measureText(text).width) + 12 * fine, 30 * fine);
   pen.fillStyle = "#fff";
   pen.fillRect(x, y, wide, 4 * fine);
   pen.fillText(text, x, y - 5 * fine);

@@ -67,7 +67,7 @@ export function see() {
     const pen = canvas.getContext("2d"), view = viewNow(), placed = mapView();
     pen.clearRect(0, 0, width, height);
     if (below()) pen.drawImage(below().bitmap, view.left, view.top, view.width, view.height);
-    if (mask && byId("mask-on").checked) drawMask(pen, view, placed, mask);
+    if (mask && below() && byId("mask-on").checked) drawMask(pen, view, placed, mask);
     const usable = shown && maps.grid && shown.values.length === maps.grid[3] * maps.grid[4];
     byId("scale").hidden = !usable;
     if (usable) {
