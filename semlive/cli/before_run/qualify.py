@@ -17,7 +17,7 @@ from semlive.cli.shared.report_files import pdf_option, write_report_files
 from semlive.cli.shared.terminal import echo
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadInput
-from semlive.qualify.history import comparable, histories
+from semlive.qualify.history import all_dated, comparable, histories
 from semlive.qualify.values import Qualification
 from semlive.report.document.html_writer import html_page
 from semlive.report.qualification_report import change_text, figure_text, history_document, limiting_text, qualification_document
@@ -37,7 +37,7 @@ def qualify(
     ] = None,
     source: Annotated[
         Path | None,
-        typer.Option("--from", help="Folder of exported frames, or a log; frames.csv in the folder gives times and shifts."),
+        typer.Option("--from", help="Folder of exported frames, or a log of a run; frames.csv in the folder gives times and shifts."),
     ] = None,
     history: Annotated[
         list[Path] | None,
@@ -53,7 +53,7 @@ def qualify(
         Path | None,
         typer.Option(
             "--config",
-            help="Configuration of the instrument: its scan profiles supply values that files lack, its devices take --protocol.",
+            help="Configuration of the instrument: its scan profiles supply values of files, its devices take --protocol; a log has both.",
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Do not search the maps for effects beyond drift and distortion.")] = False,
@@ -76,7 +76,7 @@ def qualify(
     profile = ScanProfile() if config is None else load_config(config).sem.scan_profile
     with multi_stage_progress() as progress:
         found = qualify_source(QualifyRequest(source, profile, search_effects=not quick), progress)
-    configuration = configuration_text(found, Path("sem-export") if is_log(source) else source.resolve(), config)
+    configuration = configuration_text(found, source.resolve(), config or (source if is_log(source) else None))
     if out is not None:
         write_text(out, to_json(found))
     if protocol is not None:
@@ -156,5 +156,7 @@ def _show_history(found: list[Qualification], report: Path | None, pdf: Path | N
         echo(f"worse: {change_text(item)}")
     if not worse:
         echo("no figure became worse beyond both intervals")
+    if not all_dated(found):
+        echo("a qualification without a date is compared in the order in which the files are given", err=True)
     if not comparable(found):
         echo("frame size, pixel size or dwell time differ between the qualifications", err=True)

@@ -18,7 +18,7 @@ from semlive.qualify.values import Qualification
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of
 from semlive.service.qualification.frames import FolderFrame, list_frames, load_frame
-from semlive.service.qualification.log_pairs import is_log, unloaded_pairs
+from semlive.service.qualification.log_pairs import is_log, unloaded_count, unloaded_pairs
 from semlive.service.runtime.blas import limit_blas_threads
 
 Watch = Callable[[str, int, int], None]
@@ -46,14 +46,14 @@ class _Input:
 
     Attributes:
         pairs: the pairs, each decoded when it is reached.
-        count: number of pairs; 0 if it is not known before they are read.
-        not_paired: frames without a pair, each with the reason.
+        count: expected number of pairs.
+        not_paired: frames without a pair, each with the reason; those of a log are known after its pairs were read.
         shifted: whether the steps of the pairs contain commanded shifts, px.
     """
 
     pairs: Iterator[Pair]
     count: int
-    not_paired: tuple[str, ...]
+    not_paired: Sequence[str]
     shifted: bool
 
 
@@ -96,9 +96,9 @@ def qualify_source(request: QualifyRequest, watch: Watch | None = None) -> Quali
 
 
 def _of_log(path: Path) -> _Input:
-    log = OpenedLog(path)
-    profile = settings_of(log.run).scan
-    return _Input(unloaded_pairs(log, profile), 0, (), True)
+    log, not_paired = OpenedLog(path), list[str]()
+    count, profile = unloaded_count(log), settings_of(log.run).scan
+    return _Input(unloaded_pairs(log, profile, not_paired), count, not_paired, True)
 
 
 def _of_folder(request: QualifyRequest, watch: Watch) -> _Input:
