@@ -88,6 +88,8 @@ def test_a_wrong_request_is_refused(frames: Path, tmp_path: Path, semlive: Call)
         ((), "give CONFIG of the instrument"),
         (("--from", tmp_path), "contains 0 images"),
         (("--history", frames), "needs at least two"),
+        (("--history", frames, "--follow"), "--follow needs --from LOG"),
+        (("--from", frames, "--follow"), "is not the folder of a log"),
     ):
         code, _, errors = semlive("qualify", *given)
         assert (code, reason in errors) == (2, True), errors

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,23 +12,24 @@ from semlive.data.pair import Pair, PairDecision
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadInput
 from semlive.formats.log import conversions as values
-from semlive.formats.log.messages import PairMessage, from_json
+from semlive.formats.log.messages import PairMessage, RunMessage, from_json
+from semlive.formats.log.reader import LogMessage
 from semlive.service.config.configuration import parse_config
 from semlive.service.log.files import PARTIAL_SUFFIX, SUFFIX
 from semlive.service.log.image_pairs import PairFiles
-from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import is_imported
 
 NO_IMAGE = "its image, or that of the other frame of its pair, is not in the log, or cannot be read"
 
 
-def unloaded_pairs(log: OpenedLog, profile: ScanProfile, not_paired: list[str]) -> Iterator[Pair]:
+def unloaded_pairs(messages: Iterable[LogMessage], path: Path, profile: ScanProfile, not_paired: list[str]) -> Iterator[Pair]:
     """Yield the pairs before the first load, numbered from 0, each decoded when it is reached.
 
     Times, position and pixel size of a frame are those that the run used.
 
     Args:
-        log: a log whose messages were not read yet.
+        messages: of the log, finished or growing.
+        path: the log.
         profile: scan settings of the log.
         not_paired: receives the frames whose images are not in the log, each with the reason.
 
@@ -36,7 +37,7 @@ def unloaded_pairs(log: OpenedLog, profile: ScanProfile, not_paired: list[str]) 
         BadInput: the log has no image of a pair without load.
     """
     files, count = PairFiles(profile), 0
-    for message in log.messages():
+    for message in messages:
         files.note(message)
         if message.topic != "/pair":
             continue
@@ -55,20 +56,24 @@ def unloaded_pairs(log: OpenedLog, profile: ScanProfile, not_paired: list[str]) 
         count += 1
     if not count and not_paired:
         reason = f"the images of its {len(not_paired) // 2} pairs without load are not in it, or cannot be read"
-        raise BadInput(f"{log.path}: {reason}; give the folder of the exported frames")
+        raise BadInput(f"{path}: {reason}; give the folder of the exported frames")
     if not count:
-        raise BadInput(f"{log.path}: has no pair without load; give the log of a run that took one, or a folder of frames")
+        raise BadInput(f"{path}: has no pair without load; give the log of a run that took one, or a folder of frames")
 
 
-def unloaded_count(log: OpenedLog) -> int:
-    """Number of pairs without load that the run of a log planned.
+def unloaded_count(run: RunMessage, path: Path) -> int:
+    """Number of pairs without load that a run planned.
+
+    Args:
+        run: first message of the log.
+        path: the log.
 
     Raises:
         BadInput: the log is an import, which has no frames, or its configuration is not one that this version understands.
     """
-    if is_imported(log.run.config):
-        raise BadInput(f"{log.path}: has maps of another program and no frames; give the folder of the exported frames")
-    steps = parse_config(log.run.config, f"{log.path}: the run's configuration").plan().steps
+    if is_imported(run.config):
+        raise BadInput(f"{path}: has maps of another program and no frames; give the folder of the exported frames")
+    steps = parse_config(run.config, f"{path}: the run's configuration").plan().steps
     return sum(step.phase is not Phase.TENSION for step in steps)
 
 

@@ -12,8 +12,9 @@ import pytest
 from semlive.errors import BadInput
 from semlive.qualify.history import histories
 from semlive.qualify.limits import Sources, largest_corrected, limits_of
+from semlive.qualify.needs import needs, remaining_pairs
 from semlive.qualify.pairing import FrameStep, pair_frames
-from semlive.qualify.values import FORMAT_VERSION, Conditions, Figure, Protocol, Qualification, Trend, Undetermined
+from semlive.qualify.values import FORMAT_VERSION, Conditions, Figure, GaugeResolution, Protocol, Qualification, Trend, Undetermined
 from semlive.report.document.html_writer import html_page
 from semlive.report.qualification_report import figure_text, history_document, qualification_document
 from semlive.service.config.configuration import load_config
@@ -111,7 +112,7 @@ def test_the_protocol_takes_over_an_instrument(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("dated", [True, False])
-def test_a_day_is_stated_only_if_it_is_known(tmp_path: Path, dated: bool) -> None:
+def test_a_day_is_stated_only_if_the_frames_have_it(tmp_path: Path, dated: bool) -> None:
     found = replace(_result(DRIFT), conditions=replace(CONDITIONS, dated=dated))
     configuration = configuration_text(found, tmp_path)
     assert ("of 2026-01-05 in folder" in configuration) is dated
@@ -136,6 +137,21 @@ def test_a_figure_is_worse_beyond_both_intervals_only() -> None:
     assert better.change is Trend.SMALLER
     page = html_page(history_document([_result(much, 30), _result(DRIFT)]))
     assert "drift rate at the last pair from 0.004 to 0.006 px/s" in page
+
+
+def test_a_figure_needs_pairs_until_its_interval_is_narrow_or_it_is_negligible() -> None:
+    noise = Figure("noise_31", "noise", 0.02, 0.014, 0.026, "px")  # known to 30 %, by nine pairs
+    strain = Figure("false_strain_per_px", "false strain", 1e-5, 0.0, 4e-5, "1/px")
+    resolution = (GaugeResolution(83, 100.0, 6e-4, 5e-4, 7e-4, 0.0, 0.0),)
+    missing = (Undetermined("drift_decay", "no decay", "none is needed"), Undetermined("row_start_law", "one dwell", "take another"))
+    found = replace(_result(DRIFT), figures=(noise, strain), undetermined=missing, resolution=resolution)
+    (need,) = needs(found)
+    assert (need.name, need.pairs, remaining_pairs((need,), 100), remaining_pairs((need,), 4)) == ("noise_31", 27, 27, 4)
+    narrow = replace(found, figures=(replace(noise, low=0.018, high=0.022), replace(strain, high=9e-5)))
+    assert [need.name for need in needs(narrow)] == ["false_strain_per_px"]
+    assert remaining_pairs((), 4) == 0
+    first = replace(found, figures=(), undetermined=(Undetermined("distortion", "no shifts", "shift"),))
+    assert [(need.name, need.pairs) for need in needs(first)] == [("distortion", None)]
 
 
 def test_digits_follow_the_interval() -> None:

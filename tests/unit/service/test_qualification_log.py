@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import ExportedFile
@@ -17,12 +19,13 @@ from semlive.formats import read_info
 from semlive.formats.log import conversions as values
 from semlive.formats.log.messages import SEM_ORIGINAL, FileMessage, RunMessage
 from semlive.formats.log.writer import LogWriter
+from semlive.qualify.protocol import STEPS as CROSS
 from semlive.service.config.configuration import load_config, parse_config
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of
 from semlive.service.qualification.log_pairs import is_log, unloaded_count, unloaded_pairs
 from semlive.service.qualification.plan import plan_text
-from semlive.service.qualification.run import QualifyRequest, qualify_source
+from semlive.service.qualification.run import Progress, QualifyRequest, qualify_source
 from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
@@ -34,6 +37,9 @@ CONFIG = {
     "stage": {"driver": "null"},
     "protocol": {"calibration_shifts_px": [[0, 0], [12, 0]]},
 }
+_NOISE = np.random.default_rng(1).standard_normal((SCENARIO.height_px, SCENARIO.width_px))
+_SMOOTH = np.asarray(gaussian_filter(_NOISE, 2.0, mode="wrap"))
+PATTERN = 128.0 + 40.0 * _SMOOTH / _SMOOTH.std()
 STEPS = (
     Step(0, Phase.CALIBRATION, (0.0, 0.0), (0.0, 0.0), None),
     Step(1, Phase.CALIBRATION, (15.0, -2.5), (12.0, 0.0), None),  # recentred by -2 px along y
@@ -41,23 +47,24 @@ STEPS = (
 )
 
 
-def _file(export: int) -> ExportedFile:
-    shape = (SCENARIO.height_px, SCENARIO.width_px)
-    image = np.random.default_rng(export).integers(0, 256, shape, dtype=np.uint8)
+def _file(export: int, shift_px: tuple[float, float] = (0.0, 0.0)) -> ExportedFile:
+    """A frame of a periodic pattern with its own noise."""
+    moved = np.roll(PATTERN, (round(shift_px[1]), round(shift_px[0])), (0, 1))
+    image = np.clip(np.rint(moved + 4.0 * np.random.default_rng(export).standard_normal(moved.shape)), 0, 255).astype(np.uint8)
     end_ns = BEGIN_NS + 30 * export * S
     exporter = Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 0, "x", Vendor.FEI)
     data = exporter.encode(image, ImageMetadata(SCENARIO, end_ns, 0, 0, export, f"x{export}.tif")).image
     return ExportedFile(export, f"x{export}.tif", data, "", end_ns, end_ns)
 
 
-def _write(path: Path, imaged: tuple[int, ...] = (0, 1, 2), config: dict[str, Any] = CONFIG) -> None:
+def _write(path: Path, imaged: Container[int] = (0, 1, 2), config: dict[str, Any] = CONFIG, steps: Sequence[Step] = STEPS) -> None:
     """A log with the images of some of its steps. The run determined the start of the first frames to 0.25 s."""
     profile = parse_config(CONFIG, "test").sem.scan_profile
     with path.open("wb") as stream:
         writer = LogWriter(stream)
         writer.write("/run", RunMessage(run="a", started_time_ns=BEGIN_NS, host="h", versions={}, config=config), BEGIN_NS, BEGIN_NS)
-        for step in STEPS:
-            files = [_file(2 * step.step + member) for member in (0, 1)]
+        for step in steps:
+            files = [_file(2 * step.step + member, step.shift_px) for member in (0, 1)]
             for file in files if step.step in imaged else ():
                 now_ns = file.arrival_time_ns
                 arrived = FileMessage(
@@ -74,7 +81,7 @@ def _write(path: Path, imaged: tuple[int, ...] = (0, 1, 2), config: dict[str, An
 
 def _read(path: Path) -> tuple[list[Pair], list[str]]:
     log, not_paired = OpenedLog(path), list[str]()
-    return list(unloaded_pairs(log, settings_of(log.run).scan, not_paired)), not_paired
+    return list(unloaded_pairs(log.messages(), path, settings_of(log.run).scan, not_paired)), not_paired
 
 
 def test_pairs_under_load_are_omitted(tmp_path: Path) -> None:
@@ -82,7 +89,7 @@ def test_pairs_under_load_are_omitted(tmp_path: Path) -> None:
     _write(path)
     assert is_log(path)
     assert is_log(tmp_path)
-    assert unloaded_count(OpenedLog(path)) == 2
+    assert unloaded_count(OpenedLog(path).run, path) == 2
     pairs, not_paired = _read(path)
     assert ([pair.decision.pair for pair in pairs], not_paired) == ([0, 1], [])
     assert pairs[1].decision.step.shift_px == pytest.approx((12.0, -2.0))
@@ -115,3 +122,19 @@ def test_the_instrument_of_a_log_takes_the_next_protocol(tmp_path: Path) -> None
     config = load_config(path)
     assert (config.sem.folder, config.run.name) == (Path("/lab/export"), "run-qualify")
     assert max(x for x, _ in config.protocol.calibration_shifts_px) == 12.0
+
+
+def test_a_growing_log_is_followed_until_no_figure_needs_further_pairs(tmp_path: Path) -> None:
+    shifts = [(6.0 * x, 6.0 * y) for x, y in (*CROSS, *CROSS)]
+    config = {**CONFIG, "protocol": {"calibration_shifts_px": [list(shift) for shift in shifts]}}
+    steps = [Step(number, Phase.CALIBRATION, (1.25 * x, 1.25 * y), (x, y), None) for number, (x, y) in enumerate(shifts)]
+    _write(tmp_path / "a.mcap", range(len(steps)), config, steps)
+    reported: list[Progress] = []
+    found = qualify_source(QualifyRequest(tmp_path, search_effects=False, follow=True), report=reported.append)
+    assert [item.pairs for item in reported] == list(range(1, found.conditions.pairs + 1))
+    assert {item.planned for item in reported} == {len(shifts)}
+    assert {"distortion", "drift_decay", "stage"} <= {need.name for need in reported[0].needs}
+    # Two frames of 30 s for each pair.
+    assert reported[1].left_s == pytest.approx(60.0 * (len(shifts) - 2), abs=1.0)
+    assert 5 <= found.conditions.pairs < len(shifts)
+    assert (reported[-1].needs, reported[-1].left_s) == ((), 0.0)
