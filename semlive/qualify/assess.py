@@ -15,7 +15,7 @@ from semlive.qualify.intervals import about
 from semlive.qualify.limits import REFERENCE_SHIFT_PX, Sources, largest_corrected, limits_of
 from semlive.qualify.noise import WINDOWS, Scatter, displacement_scatter, strain_scatter, white_noise
 from semlive.qualify.protocol import GAUGE_PX, recommend_protocol
-from semlive.qualify.scan import effect_figures, interval_results, row_results
+from semlive.qualify.scan import STATED_TIMES, effect_figures, interval_results, row_results
 from semlive.qualify.stage import stage_results
 from semlive.qualify.values import (
     FORMAT_VERSION,
@@ -79,7 +79,7 @@ def _conditions(evidence: Evidence, source: str, not_paired: Sequence[str]) -> C
     return Conditions(
         source, first.start_time_ns.value, 2 * pairs + len(not_paired), pairs, first.width_px, first.height_px, timing.dwell_time_s.value,
         timing.row_time_s.value, timing.duration_s, 1e9 * first.pixel_size_m.value, first.vendor,
-        first.start_time_ns.source not in UNKNOWN_TIMES, tuple(not_paired),
+        first.start_time_ns.source not in UNKNOWN_TIMES, tuple(not_paired), first.start_time_ns.source in STATED_TIMES,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ class FigureHistory:
 
     Attributes:
         name: canonical name.
-        time_ns: start of each qualification that contains it, ascending, UTC ns.
+        time_ns: start of each qualification that contains it, UTC ns; arbitrary for one without a date.
         figures: the figure in each of them.
     """
 
@@ -45,9 +45,11 @@ def histories(qualifications: Sequence[Qualification]) -> tuple[FigureHistory, .
     """Every figure over time, in the order of the newest qualification.
 
     Args:
-        qualifications: of one microscope, in any order.
+        qualifications: of one microscope, in the order of time if one of them has no date.
     """
-    ordered = sorted(qualifications, key=lambda qualification: qualification.conditions.time_ns)
+    ordered = list(qualifications)
+    if all_dated(ordered):
+        ordered.sort(key=lambda qualification: qualification.conditions.time_ns)
     names = dict.fromkeys(figure.name for qualification in reversed(ordered) for figure in qualification.figures)
     found = []
     for name in names:
@@ -59,6 +61,11 @@ def histories(qualifications: Sequence[Qualification]) -> tuple[FigureHistory, .
         ]
         found.append(FigureHistory(name, tuple(time_ns for time_ns, _ in entries), tuple(figure for _, figure in entries)))
     return tuple(found)
+
+
+def all_dated(qualifications: Sequence[Qualification]) -> bool:
+    """Whether the time of every qualification is known, so that they can be ordered by it."""
+    return all(qualification.conditions.dated for qualification in qualifications)
 
 
 def comparable(qualifications: Sequence[Qualification]) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from enum import StrEnum
 
 FORMAT_VERSION = 1
@@ -144,6 +145,7 @@ class Conditions:
         vendor: vendor of the files.
         timed: whether the times of the scans are given; otherwise dwell, row and frame time are placeholders.
         not_paired: names of frames that belong to no pair, each with the reason.
+        dated: whether `time_ns` is the true time; otherwise it has an arbitrary origin.
     """
 
     source: str
@@ -159,6 +161,12 @@ class Conditions:
     vendor: str
     timed: bool
     not_paired: tuple[str, ...] = ()
+    dated: bool = True
+
+    @property
+    def day(self) -> str:
+        """Day of the first frame as ``2026-11-26``, UTC; meaningless without `dated`."""
+        return datetime.fromtimestamp(self.time_ns // 10**9, UTC).date().isoformat()
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 import numpy as np
 from matplotlib.figure import Figure as Drawing
 
-from semlive.qualify.history import FigureHistory, comparable, histories
+from semlive.qualify.history import FigureHistory, all_dated, comparable, histories
 from semlive.qualify.limits import REFERENCE_SHIFT_PX
 from semlive.qualify.values import Figure, Qualification
 from semlive.report.document.blocks import Bullets, Document, FigureBlock, KeyFigures, Listing, Paragraph, Section, Table
@@ -56,9 +55,9 @@ def qualification_document(qualification: Qualification, configuration: str) -> 
     ]
     if qualification.undetermined:
         sections.append(Section("Not determined by these frames", tuple(more)))
-    day = datetime.fromtimestamp(conditions.time_ns * 1e-9, UTC).date().isoformat()
+    day = f", {conditions.day}" if conditions.dated else ""
     size = f"{conditions.width_px} x {conditions.height_px} px" + (f" of {conditions.pixel_nm:.4g} nm" if conditions.pixel_nm else "")
-    return Document(f"Qualification of {conditions.source}", f"{conditions.pairs} pairs of frames of {size}, {day}", tuple(sections))
+    return Document(f"Qualification of {conditions.source}", f"{conditions.pairs} pairs of frames of {size}{day}", tuple(sections))
 
 
 def limiting_text(qualification: Qualification) -> str:
@@ -141,7 +140,8 @@ def history_document(qualifications: Sequence[Qualification]) -> Document:
     drawn = [history for history in found if any(figure.low < figure.high for figure in history.figures)]
     if not drawn:
         return Document(title, "", (Section("Changes", tuple(blocks)),))
-    block = FigureBlock("history", "Figures over time", "Bars are 95 % intervals; orange figures became worse.", history_figure(drawn))
+    shown = history_figure(drawn, dated=all_dated(qualifications))
+    block = FigureBlock("history", "Figures over time", "Bars are 95 % intervals; orange figures became worse.", shown)
     return Document(title, "", (Section("Changes", (*blocks, block)),))
 
 
@@ -151,21 +151,21 @@ def change_text(history: FigureHistory) -> str:
     return f"{history.figures[-1].title} from {before} to {newest} {history.figures[-1].unit}".rstrip()
 
 
-def history_figure(drawn: Sequence[FigureHistory]) -> Drawing:
-    """One panel for each figure, over days since the first qualification."""
+def history_figure(drawn: Sequence[FigureHistory], *, dated: bool) -> Drawing:
+    """One panel for each figure, over days since the first qualification; over its number if a day is unknown."""
     rows = -(-len(drawn) // PANELS_PER_ROW)
     figure = Drawing(figsize=(PAGE_INCH, 1.5 * rows + 0.3), layout="constrained")
     panels = figure.subplots(rows, PANELS_PER_ROW, squeeze=False).ravel()
     zero_ns = min(history.time_ns[0] for history in drawn)
     for axes, history in zip(panels, drawn, strict=False):
-        days = [(time_ns - zero_ns) / 86_400e9 for time_ns in history.time_ns]
+        place = [(time_ns - zero_ns) / 86_400e9 if dated else number for number, time_ns in enumerate(history.time_ns, 1)]
         values = np.array([(item.value, item.value - item.low, item.high - item.value) for item in history.figures]).T
         axes.errorbar(
-            days, values[0], yerr=np.maximum(values[1:], 0.0), color=Y_COLOUR if history.worse else X_COLOUR, marker="o", capsize=2
+            place, values[0], yerr=np.maximum(values[1:], 0.0), color=Y_COLOUR if history.worse else X_COLOUR, marker="o", capsize=2
         )
         unit = f" ({history.figures[-1].unit})" if history.figures[-1].unit else ""
         axes.set_title(f"{history.name.replace('_', ' ')}{unit}", color=INK)
-        axes.set_xlabel("days", color=SOFT)
+        axes.set_xlabel("days" if dated else "number", color=SOFT)
         plain_axes(axes)
     for axes in panels[len(drawn) :]:
         axes.set_visible(False)

@@ -88,6 +88,8 @@ def test_a_wrong_request_is_refused(frames: Path, tmp_path: Path, semlive: Call)
         ((), "give CONFIG of the instrument"),
         (("--from", tmp_path), "contains 0 images"),
         (("--history", frames), "needs at least two"),
+        (("--history", frames, "--follow"), "--follow needs --from LOG"),
+        (("--from", frames, "--follow"), "is not the folder of a log"),
     ):
         code, _, errors = semlive("qualify", *given)
         assert (code, reason in errors) == (2, True), errors
@@ -99,7 +101,8 @@ def test_the_qualifying_run_needs_no_load_frame(tmp_path: Path, semlive: Call) -
     code, _, errors = semlive("qualify", given, "--protocol", planned)
     assert code == 0, errors
     config = load_config(planned)
-    assert (config.load_frame, config.limits, config.protocol.loads_n) == (None, None, [])
+    assert (config.load_frame, config.protocol.loads_n) == (None, [])
+    assert config.limits == load_config(given).limits  # travel of the stage, and age of its readings
     largest = max(abs(x) for x, _ in load_config(given).protocol.calibration_shifts_px)
     shifts = config.protocol.calibration_shifts_px
     assert shifts[:4] == [(0.0, 0.0)] * 4

@@ -17,7 +17,7 @@ from semlive.cli.shared.report_files import pdf_option, write_report_files
 from semlive.cli.shared.terminal import echo
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadInput
-from semlive.qualify.history import comparable, histories
+from semlive.qualify.history import all_dated, comparable, histories
 from semlive.qualify.values import Qualification
 from semlive.report.document.html_writer import html_page
 from semlive.report.qualification_report import change_text, figure_text, history_document, limiting_text, qualification_document
@@ -26,7 +26,7 @@ from semlive.service.qualification.files import read_qualification, to_json
 from semlive.service.qualification.log_pairs import is_log
 from semlive.service.qualification.plan import plan_text
 from semlive.service.qualification.recommended import configuration_text
-from semlive.service.qualification.run import QualifyRequest, qualify_source
+from semlive.service.qualification.run import Progress, QualifyRequest, qualify_source
 
 _MICRO = 1e6
 
@@ -37,7 +37,7 @@ def qualify(
     ] = None,
     source: Annotated[
         Path | None,
-        typer.Option("--from", help="Folder of exported frames, or a log; frames.csv in the folder gives times and shifts."),
+        typer.Option("--from", help="Folder of exported frames, or a log of a run; frames.csv in the folder gives times and shifts."),
     ] = None,
     history: Annotated[
         list[Path] | None,
@@ -53,15 +53,17 @@ def qualify(
         Path | None,
         typer.Option(
             "--config",
-            help="Configuration of the instrument: its scan profiles supply values that files lack, its devices take --protocol.",
+            help="Configuration of the instrument: its scan profiles supply values of files, its devices take --protocol; a log has both.",
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Do not search the maps for effects beyond drift and distortion.")] = False,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="With --from LOG of a run in progress: evaluate each pair, and end as soon as none is needed.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Show what strain a microscope can measure, what limits it, and the recommended protocol, from frames without load."""
-    if sum(given is not None for given in (instrument, source, history)) != 1:
-        raise BadInput("give CONFIG of the instrument, --from FOLDER with frames or a log, or --history with earlier qualifications")
+    _require_one_purpose(instrument, source, history, follow=follow)
     for path, option in ((out, "--out"), (report, "--report"), (protocol, "--protocol")):
         if path is not None:
             output_file(path, option)
@@ -74,9 +76,9 @@ def qualify(
         return
     assert source is not None  # checked above
     profile = ScanProfile() if config is None else load_config(config).sem.scan_profile
-    with multi_stage_progress() as progress:
-        found = qualify_source(QualifyRequest(source, profile, search_effects=not quick), progress)
-    configuration = configuration_text(found, Path("sem-export") if is_log(source) else source.resolve(), config)
+    with multi_stage_progress(hidden=follow) as progress:
+        found = qualify_source(QualifyRequest(source, profile, not quick, follow), progress, _print_progress)
+    configuration = configuration_text(found, source.resolve(), config or (source if is_log(source) else None))
     if out is not None:
         write_text(out, to_json(found))
     if protocol is not None:
@@ -91,6 +93,18 @@ def qualify(
     _print(found)
 
 
+def _require_one_purpose(instrument: Path | None, source: Path | None, history: list[Path] | None, *, follow: bool) -> None:
+    """Check that the arguments request one thing.
+
+    Raises:
+        BadInput: they request none or several.
+    """
+    if sum(given is not None for given in (instrument, source, history)) != 1:
+        raise BadInput("give CONFIG of the instrument, --from FOLDER with frames or a log, or --history with earlier qualifications")
+    if follow and source is None:
+        raise BadInput("--follow needs --from LOG, the log of a run in progress")
+
+
 def _write_plan(instrument: Path, protocol: Path | None) -> None:
     """Write the qualifying run, or print it."""
     text = plan_text(instrument)
@@ -99,6 +113,13 @@ def _write_plan(instrument: Path, protocol: Path | None) -> None:
         return
     write_text(protocol, text)
     echo(f"{protocol}: semlive run {protocol}, then semlive qualify --from its log")
+
+
+def _print_progress(progress: Progress) -> None:
+    """One line for each pair of a run in progress."""
+    left = f"about {max(progress.left_s / 60.0, 1.0):.0f} min left" if progress.needs else "every figure is known well enough: end the run"
+    reasons = "".join(f"; {need.name.replace('_', ' ')}: {need.reason}" for need in progress.needs)
+    echo(f"pair {progress.pairs} of {progress.planned}: {left}{reasons}", err=True)
 
 
 def _print(found: Qualification) -> None:
@@ -156,5 +177,7 @@ def _show_history(found: list[Qualification], report: Path | None, pdf: Path | N
         echo(f"worse: {change_text(item)}")
     if not worse:
         echo("no figure became worse beyond both intervals")
+    if not all_dated(found):
+        echo("a qualification without a date is compared in the order in which the files are given", err=True)
     if not comparable(found):
         echo("frame size, pixel size or dwell time differ between the qualifications", err=True)

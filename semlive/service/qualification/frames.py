@@ -33,7 +33,9 @@ class FolderFrame:
         row: its line in ``frames.csv``; None without the table.
         timed: whether the times of its scan are given by the file, the configuration or the table.
         sized: whether its pixel size is given.
-        start_ns: start of its scan, UTC ns; without times a running number.
+        start_ns: start of its scan, UTC ns; from the origin of the table if no file has a time, and without both a running number.
+        file_ns: start of its scan by the file, UTC ns; None without a time in the file.
+        file_ns: time in the file, UTC ns; None without one.
         profile: values with which it is read.
     """
 
@@ -42,6 +44,7 @@ class FolderFrame:
     timed: bool
     sized: bool
     start_ns: int
+    file_ns: int | None
     profile: ScanProfile
 
 
@@ -65,6 +68,9 @@ def list_frames(folder: Path, profile: ScanProfile) -> tuple[FolderFrame, ...]:
     if rows and len(rows) != len(paths):
         raise BadInput(f"{folder}: contains {len(paths)} images, but {TABLE} lists {len(rows)} frames; list every frame once")
     found = [_listed(path, row, number, profile) for number, (path, row) in enumerate(zip(paths, rows or [None] * len(paths), strict=True))]
+    if found[0].row is not None and found[0].file_ns is not None:  # the times of the table, at the day of the files
+        origin_ns = found[0].file_ns - found[0].start_ns
+        found = [replace(frame, start_ns=frame.start_ns + origin_ns) for frame in found]
     return tuple(sorted(found, key=lambda frame: frame.start_ns)) if all(frame.timed for frame in found) else tuple(found)
 
 
@@ -83,7 +89,8 @@ def load_frame(frame: FolderFrame, number: int) -> Frame:
     if not frame.sized:
         info = replace(info, pixel_size_m=Sourced(0.0, Provenance.UNKNOWN))
     if frame.row is not None:
-        info = replace(info, timing=_row_timing(frame.row), start_time_ns=Sourced(frame.start_ns, Provenance.CONFIG), start_sigma_s=0.0)
+        source = Provenance.CONFIG if frame.file_ns is None else Provenance.DERIVED
+        info = replace(info, timing=_row_timing(frame.row), start_time_ns=Sourced(frame.start_ns, source), start_sigma_s=0.0)
     elif not frame.timed:
         timing = replace(timing, **{name: Sourced(getattr(timing, name).value, Provenance.ASSUMED) for name in _TIMES})
         info = replace(info, timing=timing, start_time_ns=Sourced(frame.start_ns, Provenance.ASSUMED))
@@ -128,9 +135,10 @@ def _listed(path: Path, row: FrameRow | None, number: int, profile: ScanProfile)
         size_m = given.pixel_size_m or NO_SCAN.pixel_size_m
         completed = replace(NO_SCAN if row is None else given, pixel_size_m=size_m, databar_rows=profile.databar_rows)
         read_info(file, completed)
-        return FolderFrame(path, row, row is not None, given.pixel_size_m is not None, start_ns, completed)
-    timed = row is not None or info.embedded_time_ns is not None
-    return FolderFrame(path, row, timed, True, start_ns if row is not None or not timed else info.start_time_ns.value, given)
+        return FolderFrame(path, row, row is not None, given.pixel_size_m is not None, start_ns, None, completed)
+    file_ns = None if info.embedded_time_ns is None else info.start_time_ns.value
+    timed = row is not None or file_ns is not None
+    return FolderFrame(path, row, timed, True, start_ns if row is not None or file_ns is None else file_ns, file_ns, given)
 
 
 def _row_timing(row: FrameRow) -> ScanTiming:

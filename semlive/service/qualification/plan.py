@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import yaml
-
 from semlive.qualify.drift import MIN_PAIRS_DECAY
 from semlive.qualify.protocol import STEPS
-from semlive.service.config.configuration import Config, parse_config
-from semlive.service.qualification.instrument import instrument_of
+from semlive.service.config.configuration import Config
+from semlive.service.qualification.instrument import instrument_of, run_text
 
 USUAL_SHIFT_PX = 24.0
 """Largest shift without calibration shifts in the configuration: 3 % of a frame of 884 rows, rounded to the cross of the paper."""
@@ -31,9 +29,8 @@ def plan_text(path: Path) -> str:
     half_px = 0.5 * _largest_px(instrument.config)
     shifts = [[0.0, 0.0]] * MIN_PAIRS_DECAY + [[half_px * x, half_px * y] for x, y in STEPS]
     planned = {**instrument.sections, "protocol": {**instrument.sections["protocol"], "calibration_shifts_px": shifts}}
-    parse_config(planned, str(path))
     head = "# Run that qualifies the microscope; evaluate it with `semlive qualify --from LOG`.\n"
-    return head + yaml.safe_dump(planned, sort_keys=False, allow_unicode=True)
+    return run_text(head, planned, instrument.confirmed, str(path))
 
 
 def _largest_px(config: Config) -> float:

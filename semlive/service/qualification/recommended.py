@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
 
-import yaml
-
 from semlive.qualify.values import Qualification
-from semlive.service.config.configuration import parse_config
-from semlive.service.qualification.instrument import instrument_of
-
-Sections = dict[str, dict[str, object]]
+from semlive.service.qualification.instrument import Sections, instrument_of, run_text
 
 
 def configuration_text(qualification: Qualification, folder: Path, instrument: Path | None = None) -> str:
@@ -20,25 +14,26 @@ def configuration_text(qualification: Qualification, folder: Path, instrument: P
     Args:
         qualification: the result.
         folder: export folder of the microscope, if there is no configuration of the instrument.
-        instrument: configuration whose devices take the frames; without it, or without a stage in it, the operator moves the specimen.
+        instrument: configuration, or log of a run, of the instrument whose devices take the frames; without it, or without a stage in it,
+            the operator moves the specimen.
 
     Raises:
-        BadConfig: the configuration of the instrument is invalid.
+        BadInput: the configuration of the instrument is invalid.
     """
     protocol, conditions = qualification.protocol, qualification.conditions
-    day = datetime.fromtimestamp(conditions.time_ns * 1e-9, UTC).date().isoformat()
+    day = f" of {conditions.day}" if conditions.dated else ""
     head = [
-        f"# Protocol that semlive qualify recommends from the frames of {day} in {conditions.source}.",
+        f"# Protocol that semlive qualify recommends from the frames{day} in {conditions.source}.",
         f"# Dwell time: {protocol.dwell_factor:g} times that of these frames. Waiting time: {protocol.warm_up_s / 60.0:.0f} minutes.",
     ]
-    devices = _operated(qualification, folder)
+    devices, confirmed = _operated(qualification, folder), ()
     if instrument is not None:
-        devices = {"stage": devices["stage"], **instrument_of(instrument, "calibrate").sections}
+        found = instrument_of(instrument, "calibrate")
+        devices, confirmed = {"stage": devices["stage"], **found.sections}, found.confirmed
     elif not conditions.pixel_nm:
         head.append("# The pixel size is not in the files: give it in sem and stage.")
     sections = _with_protocol(devices, qualification)
-    parse_config(sections, str(instrument or "the recommended protocol"))
-    return "\n".join(head) + "\n" + yaml.safe_dump(sections, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    return run_text("\n".join(head) + "\n", sections, confirmed, str(instrument or "the recommended protocol"))
 
 
 def _operated(qualification: Qualification, folder: Path) -> Sections:
@@ -60,14 +55,16 @@ def _with_protocol(devices: Sections, qualification: Qualification) -> Sections:
         "calibration_shifts_px": [list(shift) for shift in found.shifts_px],
         "hold_s": _short(found.hold_s),
     }
+    estimate: dict[str, object] = {**sections.get("estimate", {}), "window_points": found.window_points}
     if found.max_rate_px_s is not None:
         protocol["warm_up"] = {"max_rate_px_s": _short(found.max_rate_px_s), "before": "calibration"}
+        estimate["method"] = "joint"  # the other method does not forecast the drift
     correlation = {"subset_px": found.subset_px, "step_px": found.step_px, "roi_px": None}
     return {
         **sections,
         "protocol": protocol,
         "dic": {**sections.get("dic", {}), **correlation},
-        "estimate": {**sections.get("estimate", {}), "window_points": found.window_points},
+        "estimate": estimate,
     }
 
 

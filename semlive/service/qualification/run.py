@@ -10,15 +10,20 @@ from semlive.data.experiment import Phase, Step
 from semlive.data.frame import Frame
 from semlive.data.pair import Pair, PairDecision
 from semlive.data.settings import AnalysisSettings, ScanProfile
+from semlive.dic import CorrelationChoice
 from semlive.errors import BadInput, IllPosed
+from semlive.formats.log.messages import RunMessage, from_json
+from semlive.pipeline import AnalysisState
 from semlive.qualify.assess import assess
 from semlive.qualify.evidence import MAX_NOISE_PAIRS, PairMeasurement, conclude, first_settings, measure_pair
+from semlive.qualify.needs import Need, needs, remaining_pairs
 from semlive.qualify.pairing import frame_step, pair_frames
 from semlive.qualify.values import Qualification
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of
+from semlive.service.log.tail import follow
 from semlive.service.qualification.frames import FolderFrame, list_frames, load_frame
-from semlive.service.qualification.log_pairs import is_log, unloaded_pairs
+from semlive.service.qualification.log_pairs import is_log, unloaded_count, unloaded_pairs
 from semlive.service.runtime.blas import limit_blas_threads
 
 Watch = Callable[[str, int, int], None]
@@ -33,11 +38,30 @@ class QualifyRequest:
         source: folder of frames, or a log.
         profile: values for metadata that the files lack; a log has its own.
         search_effects: search the maps for effects beyond drift and distortion, which takes the longest.
+        follow: the source is the log of a run in progress, which need not exist yet; its pairs are read as they are taken.
     """
 
     source: Path
     profile: ScanProfile = field(default_factory=ScanProfile)
     search_effects: bool = True
+    follow: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a qualification in progress is.
+
+    Attributes:
+        pairs: number of pairs so far.
+        planned: number of planned pairs.
+        needs: figures that are not known well enough.
+        left_s: time until they are, or until the last planned pair, s.
+    """
+
+    pairs: int
+    planned: int
+    needs: tuple[Need, ...]
+    left_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,59 +70,102 @@ class _Input:
 
     Attributes:
         pairs: the pairs, each decoded when it is reached.
-        count: number of pairs; 0 if it is not known before they are read.
-        not_paired: frames without a pair, each with the reason.
+        count: expected number of pairs.
+        not_paired: frames without a pair, each with the reason; those of a log are known after its pairs were read.
         shifted: whether the steps of the pairs contain commanded shifts, px.
     """
 
     pairs: Iterator[Pair]
     count: int
-    not_paired: tuple[str, ...]
+    not_paired: Sequence[str]
     shifted: bool
 
 
-def qualify_source(request: QualifyRequest, watch: Watch | None = None) -> Qualification:
+def qualify_source(request: QualifyRequest, watch: Watch | None = None, report: Callable[[Progress], None] | None = None) -> Qualification:
     """Qualify a microscope by the frames of a folder or of a log.
 
     Args:
         request: what to qualify.
         watch: called with the name of the task, the finished part and the total.
+        report: called after each pair of a log that is followed. The log is read until no figure needs further pairs, or to its end.
 
     Raises:
         BadInput: the source cannot be read, or its frames form no pair.
     """
     limit_blas_threads()
     watch = watch or _ignore
-    given = _of_log(request.source) if is_log(request.source) else _of_folder(request, watch)
+    given = _of_log(request) if request.follow or is_log(request.source) else _of_folder(request, watch)
     # Every n-th pair is enough for the noise of other subsets.
     every = max(1, -(-given.count // MAX_NOISE_PAIRS))
-    settings, choice, first, state = AnalysisSettings(scan=request.profile), None, None, None
-    measured, commands = list[PairMeasurement](), list[tuple[float, float] | None]()
+    measured: _Measured | None = None
     for number, pair in enumerate(given.pairs):
-        if choice is None:
-            first = pair.first
-            settings, choice = first_settings(first, settings)
         try:
-            state, found = measure_pair(settings, state, pair, number % every == 0)
+            measured = measured or _begin(request, pair.first)
+            measured.state, found = measure_pair(measured.settings, measured.state, pair, number % every == 0)
         except IllPosed as error:
             raise BadInput(f"{request.source}: {pair.first.info.name}: {error}") from error
-        measured.append(found)
-        commands.append(pair.decision.step.shift_px if given.shifted else None)
+        measured.pairs.append(found)
+        measured.commands.append(pair.decision.step.shift_px if given.shifted else None)
         watch("pair", number + 1, max(given.count, number + 1))
-    assert state is not None  # there is a pair
-    assert choice is not None
-    assert first is not None
+        if request.follow:
+            progress = _progress(_assessed(request, given, measured, search_effects=False), measured.pairs, given.count)
+            if report is not None:
+                report(progress)
+            if not progress.needs:
+                break
+    assert measured is not None  # there is a pair
+    return _assessed(request, given, measured, search_effects=request.search_effects)
+
+
+@dataclass(slots=True, eq=False)
+class _Measured:
+    """The pairs that were measured so far, with the state after the last one."""
+
+    first: Frame
+    settings: AnalysisSettings
+    choice: CorrelationChoice
+    state: AnalysisState | None = None
+    pairs: list[PairMeasurement] = field(default_factory=list)
+    commands: list[tuple[float, float] | None] = field(default_factory=list)
+
+
+def _begin(request: QualifyRequest, first: Frame) -> _Measured:
+    return _Measured(first, *first_settings(first, AnalysisSettings(scan=request.profile)))
+
+
+def _assessed(request: QualifyRequest, given: _Input, measured: _Measured, *, search_effects: bool) -> Qualification:
+    assert measured.state is not None  # after a pair
     try:
-        evidence = conclude(first, choice, state, measured, search_effects=request.search_effects)
+        evidence = conclude(measured.first, measured.choice, measured.state, measured.pairs, search_effects=search_effects)
     except IllPosed as error:
         raise BadInput(f"{request.source}: {error}") from error
-    return assess(evidence, request.source.resolve().name, given.not_paired, commands)
+    return assess(evidence, request.source.resolve().name, given.not_paired, measured.commands)
 
 
-def _of_log(path: Path) -> _Input:
-    log = OpenedLog(path)
-    profile = settings_of(log.run).scan
-    return _Input(unloaded_pairs(log, profile), 0, (), True)
+def _progress(found: Qualification, measured: Sequence[PairMeasurement], planned: int) -> Progress:
+    found_needs = needs(found)
+    begins_ns = [pair.decision.first.start_time_ns.value for pair in measured]
+    last = measured[-1].decision
+    pair_ns = (begins_ns[-1] - begins_ns[0]) / (len(begins_ns) - 1) if len(begins_ns) > 1 else last.second.end_time_ns - begins_ns[0]
+    return Progress(len(measured), planned, found_needs, 1e-9 * pair_ns * remaining_pairs(found_needs, max(planned - len(measured), 0)))
+
+
+def _of_log(request: QualifyRequest) -> _Input:
+    not_paired, path = list[str](), request.source
+    if request.follow:
+        if path.is_dir() and any(path.iterdir()) and not is_log(path):
+            raise BadInput(f"{path}: is not the folder of a log; give the folder that the run in progress writes")
+        messages = follow(path)
+        begin = next((message for message in messages if message.topic == "/run"), None)
+        if begin is None:
+            raise BadInput(f"{path}: has no configuration of a run; give the log of a run")
+        run = from_json(begin.topic, begin.payload)
+        assert isinstance(run, RunMessage)  # by its topic
+    else:
+        log = OpenedLog(path)
+        run, messages = log.run, log.messages()
+    pairs = unloaded_pairs(messages, path, settings_of(run).scan, not_paired)
+    return _Input(pairs, unloaded_count(run, path), not_paired, True)
 
 
 def _of_folder(request: QualifyRequest, watch: Watch) -> _Input:

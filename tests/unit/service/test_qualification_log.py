@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import ExportedFile
-from semlive.data.pair import PairDecision
+from semlive.data.pair import Pair, PairDecision
 from semlive.errors import BadInput
 from semlive.formats import read_info
 from semlive.formats.log import conversions as values
 from semlive.formats.log.messages import SEM_ORIGINAL, FileMessage, RunMessage
 from semlive.formats.log.writer import LogWriter
-from semlive.service.config.configuration import parse_config
+from semlive.qualify.protocol import STEPS as CROSS
+from semlive.service.config.configuration import load_config, parse_config
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of
-from semlive.service.qualification.log_pairs import is_log, unloaded_pairs
+from semlive.service.qualification.log_pairs import is_log, unloaded_count, unloaded_pairs
+from semlive.service.qualification.plan import plan_text
+from semlive.service.qualification.run import Progress, QualifyRequest, qualify_source
 from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
@@ -26,10 +33,13 @@ from semlive_simulators.scenario import load_scenario
 S, BEGIN_NS = 10**9, 1_772_439_825 * 10**9
 SCENARIO = load_scenario("rehearsal_short").scan
 CONFIG = {
-    "sem": {"folder": "export", "pixel_size_um": 1.25},
+    "sem": {"folder": "/lab/export", "pixel_size_um": 1.25},
     "stage": {"driver": "null"},
     "protocol": {"calibration_shifts_px": [[0, 0], [12, 0]]},
 }
+_NOISE = np.random.default_rng(1).standard_normal((SCENARIO.height_px, SCENARIO.width_px))
+_SMOOTH = np.asarray(gaussian_filter(_NOISE, 2.0, mode="wrap"))
+PATTERN = 128.0 + 40.0 * _SMOOTH / _SMOOTH.std()
 STEPS = (
     Step(0, Phase.CALIBRATION, (0.0, 0.0), (0.0, 0.0), None),
     Step(1, Phase.CALIBRATION, (15.0, -2.5), (12.0, 0.0), None),  # recentred by -2 px along y
@@ -37,23 +47,25 @@ STEPS = (
 )
 
 
-def _file(export: int) -> ExportedFile:
-    shape = (SCENARIO.height_px, SCENARIO.width_px)
-    image = np.random.default_rng(export).integers(0, 256, shape, dtype=np.uint8)
+def _file(export: int, shift_px: tuple[float, float] = (0.0, 0.0)) -> ExportedFile:
+    """A frame of a periodic pattern with its own noise."""
+    moved = np.roll(PATTERN, (round(shift_px[1]), round(shift_px[0])), (0, 1))
+    image = np.clip(np.rint(moved + 4.0 * np.random.default_rng(export).standard_normal(moved.shape)), 0, 255).astype(np.uint8)
     end_ns = BEGIN_NS + 30 * export * S
     exporter = Export(WriteStyle.DIRECT, 0.0, 1.0, 1, 0, "x", Vendor.FEI)
     data = exporter.encode(image, ImageMetadata(SCENARIO, end_ns, 0, 0, export, f"x{export}.tif")).image
     return ExportedFile(export, f"x{export}.tif", data, "", end_ns, end_ns)
 
 
-def _write(path: Path, *, images: bool = True) -> None:
+def _write(path: Path, imaged: Container[int] = (0, 1, 2), config: dict[str, Any] = CONFIG, steps: Sequence[Step] = STEPS) -> None:
+    """A log with the images of some of its steps. The run determined the start of the first frames to 0.25 s."""
     profile = parse_config(CONFIG, "test").sem.scan_profile
     with path.open("wb") as stream:
         writer = LogWriter(stream)
-        writer.write("/run", RunMessage(run="a", started_time_ns=BEGIN_NS, host="h", versions={}, config=CONFIG), BEGIN_NS, BEGIN_NS)
-        for step in STEPS:
-            files = [_file(2 * step.step + member) for member in (0, 1)]
-            for file in files if images else ():
+        writer.write("/run", RunMessage(run="a", started_time_ns=BEGIN_NS, host="h", versions={}, config=config), BEGIN_NS, BEGIN_NS)
+        for step in steps:
+            files = [_file(2 * step.step + member, step.shift_px) for member in (0, 1)]
+            for file in files if step.step in imaged else ():
                 now_ns = file.arrival_time_ns
                 arrived = FileMessage(
                     export=file.index, name=file.name, size=len(file.data), sha256="", mtime_ns=file.mtime_ns, arrival_time_ns=now_ns,
@@ -62,9 +74,14 @@ def _write(path: Path, *, images: bool = True) -> None:
                 writer.write("/sem/file", arrived, now_ns, now_ns)
                 writer.write(SEM_ORIGINAL, file.data, now_ns, now_ns, file.index)
             first, second = (read_info(file, profile) for file in files)
-            decision = PairDecision(step.step, step, first, second, None)
+            decision = PairDecision(step.step, step, replace(first, start_sigma_s=0.25), second, None)
             writer.write("/pair", values.pair_message(decision), second.end_time_ns, second.end_time_ns)
         writer.finish()
+
+
+def _read(path: Path) -> tuple[list[Pair], list[str]]:
+    log, not_paired = OpenedLog(path), list[str]()
+    return list(unloaded_pairs(log.messages(), path, settings_of(log.run).scan, not_paired)), not_paired
 
 
 def test_pairs_under_load_are_omitted(tmp_path: Path) -> None:
@@ -72,16 +89,52 @@ def test_pairs_under_load_are_omitted(tmp_path: Path) -> None:
     _write(path)
     assert is_log(path)
     assert is_log(tmp_path)
-    log = OpenedLog(path)
-    pairs = list(unloaded_pairs(log, settings_of(log.run).scan))
-    assert [pair.decision.pair for pair in pairs] == [0, 1]
+    assert unloaded_count(OpenedLog(path).run, path) == 2
+    pairs, not_paired = _read(path)
+    assert ([pair.decision.pair for pair in pairs], not_paired) == ([0, 1], [])
     assert pairs[1].decision.step.shift_px == pytest.approx((12.0, -2.0))
+    assert pairs[1].first.info.start_sigma_s == 0.25
     assert pairs[1].second.image.shape == (SCENARIO.height_px, SCENARIO.width_px)
 
 
-def test_a_log_without_images_is_refused(tmp_path: Path) -> None:
+def test_pairs_without_images_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    _write(path, images=False)
-    log = OpenedLog(path)
-    with pytest.raises(BadInput, match="has no images"):
-        list(unloaded_pairs(log, settings_of(log.run).scan))
+    _write(path, (1, 2))
+    pairs, not_paired = _read(path)
+    assert [pair.decision.step.shift_px[0] for pair in pairs] == pytest.approx([12.0])
+    assert [text.split(":")[0] for text in not_paired] == ["x0.tif", "x1.tif"]
+
+
+def test_a_log_without_frames_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    _write(path, (2,))
+    with pytest.raises(BadInput, match="images of its 2 pairs without load are not in it"):
+        _read(path)
+    _write(path, config={"imported": {"folder": "maps", "engines": ["ncorr"]}})
+    with pytest.raises(BadInput, match="maps of another program"):
+        qualify_source(QualifyRequest(path))
+
+
+def test_the_instrument_of_a_log_takes_the_next_protocol(tmp_path: Path) -> None:
+    log, path = tmp_path / "a.mcap", tmp_path / "next.yaml"
+    _write(log)
+    path.write_text(plan_text(log), encoding="utf-8")
+    config = load_config(path)
+    assert (config.sem.folder, config.run.name) == (Path("/lab/export"), "run-qualify")
+    assert max(x for x, _ in config.protocol.calibration_shifts_px) == 12.0
+
+
+def test_a_growing_log_is_followed_until_no_figure_needs_further_pairs(tmp_path: Path) -> None:
+    shifts = [(6.0 * x, 6.0 * y) for x, y in (*CROSS, *CROSS)]
+    config = {**CONFIG, "protocol": {"calibration_shifts_px": [list(shift) for shift in shifts]}}
+    steps = [Step(number, Phase.CALIBRATION, (1.25 * x, 1.25 * y), (x, y), None) for number, (x, y) in enumerate(shifts)]
+    _write(tmp_path / "a.mcap", range(len(steps)), config, steps)
+    reported: list[Progress] = []
+    found = qualify_source(QualifyRequest(tmp_path, search_effects=False, follow=True), report=reported.append)
+    assert [item.pairs for item in reported] == list(range(1, found.conditions.pairs + 1))
+    assert {item.planned for item in reported} == {len(shifts)}
+    assert {"distortion", "drift_decay", "stage"} <= {need.name for need in reported[0].needs}
+    # Two frames of 30 s for each pair.
+    assert reported[1].left_s == pytest.approx(60.0 * (len(shifts) - 2), abs=1.0)
+    assert 5 <= found.conditions.pairs < len(shifts)
+    assert (reported[-1].needs, reported[-1].left_s) == ((), 0.0)
