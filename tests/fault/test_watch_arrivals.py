@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from semlive.data.settings import ScanProfile
-from semlive.service.watch.file_numbering import FileNumbering
+from semlive.service.watch.accepted_files import FileNumbering
 from semlive.service.watch.sidecars import sidecar_names
 from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle

@@ -22,7 +22,7 @@ from semlive.formats.metadata.header import Header
 from semlive.formats.metadata.quantity import quantity
 from semlive.formats.metadata.timestamps import dated, iso
 from semlive.formats.vendors import fei, hitachi, jeol, tescan, zeiss
-from semlive.service.watch.file_numbering import FileNumbering
+from semlive.service.watch.accepted_files import FileNumbering
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 from fuzz_formats import PROFILES, Tally, campaign, seeds
