@@ -6,7 +6,6 @@ import os
 import pty
 import resource
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -14,12 +13,11 @@ from io import FileIO, RawIOBase
 from pathlib import Path
 from typing import Any, cast
 
+from bench_record import measured
+
 from semlive.formats.log.messages import SEM_ORIGINAL, FaultMessage
 from semlive.service.log.files import messages
 from semlive.service.log.recording import Recorder
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from bench_record import measured
 
 UNLIMITED = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
 

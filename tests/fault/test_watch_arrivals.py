@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_watch import measure
 
 from semlive.data.settings import ScanProfile
 from semlive.service.watch.accepted_files import FileNumbering
@@ -18,9 +18,6 @@ from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 from .by_hand import Watched
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from bench_watch import measure
 
 SCAN = dataclasses.replace(load_scenario("paper_x200").scan, width_px=32, height_px=24, frame_time_s=0.108)
 
