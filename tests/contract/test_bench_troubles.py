@@ -24,6 +24,7 @@ from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
+from ..clocks import WallClock
 from ..waiting import wait_until
 
 Client = ModbusTcpClient | ModbusSerialClient
@@ -31,16 +32,6 @@ PAPER = load_scenario("paper_x200")
 TIMEOUT_S = 1.0
 LINES = {"tcp": 0b001, "rtu": 0b010, "serial": 0b100}
 REPLIES = [trouble for trouble in LineFault if trouble is not LineFault.SILENT]
-
-
-class Wall:
-    """Experiment time is wall time."""
-
-    def now_ns(self) -> int:
-        return time.time_ns()
-
-    def mono_ns(self) -> int:
-        return time.monotonic_ns()
 
 
 @dataclass
@@ -167,7 +158,7 @@ def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: 
     wait_until(lambda: bench.machine.read(bench.now_ns()).force_n > 195.0)
     settings = {"port": bench.port, "timeout_s": TIMEOUT_S, "watchdog_s": 0.0}
     for trouble in REPLIES:
-        device = open_load_frame(settings, Wall())
+        device = open_load_frame(settings, WallClock())
         bench.order(trouble, "tcp", wait_s=0.05)
         reported_n = None
         with contextlib.suppress(LinkError):
@@ -177,7 +168,7 @@ def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: 
         assert reported_n is not None or trouble not in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE)
         assert reported_n is None or trouble not in (LineFault.LOST, LineFault.WRONG_CHECK)
         bench.order(LineFault.TWICE, "tcp", count=0)  # an order for no reply at all
-        again = open_load_frame(settings, Wall())
+        again = open_load_frame(settings, WallClock())
         assert abs(again.read().force_n - 200.0) < 10
         again.close()
     bench.machine.ramp_to(0.0, 100.0)

@@ -34,10 +34,10 @@ from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
-from .processes import WallClock
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 HERE = Path(__file__).parent
 ORDER = [0x4316, 0, 0x42C8, 0, 1, 77]  # 150 N at 100 N/s, go, and a nonce
 

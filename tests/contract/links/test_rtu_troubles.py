@@ -23,10 +23,10 @@ from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
-from .processes import WallClock
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 
 
 @pytest.fixture(scope="module")
