@@ -15,17 +15,16 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusSerialClient
 
-from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.ascii_stand import AsciiTestStand
 from semlive_simulators.load_frame.registers import f32, read_f32
 from semlive_simulators.load_frame.rtu import STAGE_UNIT, crc16
 from semlive_simulators.load_frame.serial_lines import ascii_line, rtu_line
-from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.microscope.sem import Sem
+from semlive_simulators.load_frame.server import UNIT
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
 from ..waiting import wait_until
+from .running_bench import running_bench
 
 RATE = 50.0
 PAPER = load_scenario("paper_x200")
@@ -44,18 +43,10 @@ class Lines:
 
 @pytest.fixture
 def lines(tmp_path: Path) -> Iterator[Lines]:
-    clock = BenchClock(RATE, lambda _: None)
-    machine = LoadTrain(SMALL, clock.start_ns)
-    machine.read(clock.start_ns)  # loads compiled code, which takes longer than a client waits when the computer is busy
-    sem = Sem(SMALL, clock, machine, tmp_path, True, lambda _: None, lambda _: None)
-    registers = BenchRegisters(SMALL, clock, machine, sem)
-    server = ModbusThread(registers, 0)
-    port = server.start()
-    clock.begin()
-    troubles = registers.line_faults
-    with rtu_line(port, UNIT, troubles) as rtu, ascii_line(machine, clock.now_ns, troubles) as (serial, stand):
-        yield Lines(rtu, serial, stand, machine)
-    server.stop()
+    with running_bench(SMALL, RATE, tmp_path) as bench:
+        troubles = bench.registers.line_faults
+        with rtu_line(bench.port, UNIT, troubles) as rtu, ascii_line(bench.machine, bench.clock.now_ns, troubles) as (serial, stand):
+            yield Lines(rtu, serial, stand, bench.machine)
 
 
 @contextlib.contextmanager
