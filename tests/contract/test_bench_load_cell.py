@@ -13,15 +13,14 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.registers import f32, read_f32
 from semlive_simulators.load_frame.serial_lines import ascii_line, rtu_line
-from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.microscope.sem import Sem
+from semlive_simulators.load_frame.server import UNIT
 from semlive_simulators.scenario import BadScenario, load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
 from ..waiting import wait_until
+from .running_bench import running_bench
 
 RATE = 100.0
 COARSE = "extends: paper_x200\nscan: {width_px: 64, height_px: 55, frame_time_s: 6.0}\nload_frame: {cell_resolution_n: 2.5}\n"
@@ -37,25 +36,18 @@ def line(request: pytest.FixtureRequest) -> str:
 def served(tmp_path: Path) -> Iterator[tuple[ModbusTcpClient, ModbusSerialClient, int, LoadTrain]]:
     (tmp_path / "coarse.yaml").write_text(COARSE)
     scenario = load_scenario(str(tmp_path / "coarse.yaml"))
-    clock = BenchClock(RATE, lambda _: None)
-    machine = LoadTrain(scenario, clock.start_ns)
-    machine.read(clock.start_ns)  # loads compiled code, which takes longer than a client waits when the computer is busy
-    registers = BenchRegisters(scenario, clock, machine, Sem(scenario, clock, machine, tmp_path, True, lambda _: None, lambda _: None))
-    server = ModbusThread(registers, 0)
-    port = server.start()
-    clock.begin()
     with (
-        rtu_line(port, UNIT, registers.line_faults) as rtu,
-        ascii_line(machine, clock.now_ns, registers.line_faults) as (letters, _),
-        contextlib.closing(ModbusTcpClient("127.0.0.1", port=port, timeout=20, retries=0)) as tcp,
+        running_bench(scenario, RATE, tmp_path) as bench,
+        rtu_line(bench.port, UNIT, bench.registers.line_faults) as rtu,
+        ascii_line(bench.machine, bench.clock.now_ns, bench.registers.line_faults) as (letters, _),
+        contextlib.closing(ModbusTcpClient("127.0.0.1", port=bench.port, timeout=20, retries=0)) as tcp,
         contextlib.closing(ModbusSerialClient(rtu, baudrate=19_200, timeout=20, retries=0)) as serial,
     ):
         assert tcp.connect()
         assert serial.connect()
         handle = os.open(letters, os.O_RDWR | os.O_NOCTTY)
-        yield tcp, serial, handle, machine
+        yield tcp, serial, handle, bench.machine
         os.close(handle)
-    server.stop()
 
 
 def force_in_letters(handle: int) -> float:

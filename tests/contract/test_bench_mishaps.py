@@ -11,16 +11,15 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.fault_schedule import MachineFault
 from semlive_simulators.load_frame.registers import f32, read_f32
-from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.microscope.sem import Sem
+from semlive_simulators.load_frame.server import UNIT
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.simulate import main
 from semlive_simulators.specimen.machine import LoadTrain
 
 from ..waiting import wait_until
+from .running_bench import running_bench
 
 RATE = 100.0
 ORDERS = {mishap: 101 + place for place, mishap in enumerate(MachineFault)}
@@ -60,18 +59,11 @@ def bench(tmp_path: Path) -> Iterator[Served]:
     scenario = dataclasses.replace(
         paper, load_frame=frame, scan=dataclasses.replace(paper.scan, width_px=64, height_px=55, frame_time_s=6.0)
     )
-    clock = BenchClock(RATE, lambda _: None)
-    machine = LoadTrain(scenario, clock.start_ns)
-    machine.read(clock.start_ns)  # loads compiled code, which takes longer than a client waits when the computer is busy
-    sem = Sem(scenario, clock, machine, tmp_path, True, lambda _: None, lambda _: None)
-    server = ModbusThread(BenchRegisters(scenario, clock, machine, sem), 0)
-    port = server.start()
-    clock.begin()
-    client = ModbusTcpClient("127.0.0.1", port=port, timeout=20, retries=0)
-    assert client.connect()
-    yield Served(client, machine)
-    client.close()
-    server.stop()
+    with running_bench(scenario, RATE, tmp_path) as parts:
+        client = ModbusTcpClient("127.0.0.1", port=parts.port, timeout=20, retries=0)
+        assert client.connect()
+        yield Served(client, parts.machine)
+        client.close()
 
 
 def test_the_numbers_are_those_of_the_page() -> None:

@@ -13,14 +13,13 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.registers import f32, read_f32
-from semlive_simulators.load_frame.server import BenchRegisters, ModbusThread
-from semlive_simulators.microscope.sem import Sem
+from semlive_simulators.load_frame.server import BenchRegisters
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
 from ..waiting import wait_until
+from .running_bench import running_bench
 
 RATE = 100.0
 DATATYPE = ModbusTcpClient.DATATYPE
@@ -53,24 +52,16 @@ def mode(request: pytest.FixtureRequest) -> str:
 def bench(tmp_path: Path, mode: str) -> Iterator[Served]:
     paper = load_scenario("paper_x200")
     scenario = dataclasses.replace(paper, scan=dataclasses.replace(paper.scan, width_px=256, height_px=221, frame_time_s=6.63))
-    clock = BenchClock(RATE, lambda _: None)
-    machine = LoadTrain(scenario, clock.start_ns)
-    machine.read(clock.start_ns)  # loads compiled code, which takes longer than a client waits when the computer is busy
     failures: list[BaseException] = []
-    sem = Sem(scenario, clock, machine, tmp_path, mode == "triggered", lambda _: None, failures.append)
-    registers = BenchRegisters(scenario, clock, machine, sem)
-    server = ModbusThread(registers, 0)
-    port = server.start()
-    clock.begin()
-    if mode == "triggered":
-        sem.start()
-    client = ModbusTcpClient("127.0.0.1", port=port, timeout=20, retries=0)
-    assert client.connect()
-    yield Served(client, registers, machine, port)
-    client.close()
-    if mode == "triggered":
-        sem.stop()
-    server.stop()
+    with running_bench(scenario, RATE, tmp_path, mode == "triggered", failures.append) as parts:
+        if mode == "triggered":
+            parts.sem.start()
+        client = ModbusTcpClient("127.0.0.1", port=parts.port, timeout=20, retries=0)
+        assert client.connect()
+        yield Served(client, parts.registers, parts.machine, parts.port)
+        client.close()
+        if mode == "triggered":
+            parts.sem.stop()
     assert failures == []
 
 

@@ -15,17 +15,16 @@ from pathlib import Path
 import pytest
 from pymodbus.client import ModbusSerialClient
 
-from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.ascii_stand import AsciiTestStand
 from semlive_simulators.load_frame.registers import f32, read_f32
 from semlive_simulators.load_frame.rtu import STAGE_UNIT, crc16
 from semlive_simulators.load_frame.serial_lines import ascii_line, rtu_line
-from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.microscope.sem import Sem
+from semlive_simulators.load_frame.server import UNIT
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
 from ..waiting import wait_until
+from .running_bench import running_bench
 
 RATE = 50.0
 PAPER = load_scenario("paper_x200")
@@ -44,18 +43,10 @@ class Lines:
 
 @pytest.fixture
 def lines(tmp_path: Path) -> Iterator[Lines]:
-    clock = BenchClock(RATE, lambda _: None)
-    machine = LoadTrain(SMALL, clock.start_ns)
-    machine.read(clock.start_ns)  # loads compiled code, which takes longer than a client waits when the computer is busy
-    sem = Sem(SMALL, clock, machine, tmp_path, True, lambda _: None, lambda _: None)
-    registers = BenchRegisters(SMALL, clock, machine, sem)
-    server = ModbusThread(registers, 0)
-    port = server.start()
-    clock.begin()
-    troubles = registers.line_faults
-    with rtu_line(port, UNIT, troubles) as rtu, ascii_line(machine, clock.now_ns, troubles) as (serial, stand):
-        yield Lines(rtu, serial, stand, machine)
-    server.stop()
+    with running_bench(SMALL, RATE, tmp_path) as bench:
+        troubles = bench.registers.line_faults
+        with rtu_line(bench.port, UNIT, troubles) as rtu, ascii_line(bench.machine, bench.clock.now_ns, troubles) as (serial, stand):
+            yield Lines(rtu, serial, stand, bench.machine)
 
 
 @contextlib.contextmanager
@@ -68,11 +59,11 @@ def opened(path: str) -> Iterator[int]:
 SILENCE_S = 0.15
 
 
-def reply(handle: int, sent: bytes, within_s: float = 3.0) -> bytes:
-    """What comes back until the line has been silent for a while; the first byte may take as long as a busy computer needs."""
+def reply(handle: int, sent: bytes, within_s: float = 20.0, lines: int = 0) -> bytes:
+    """What comes back until the line has been silent for a while; a busy computer may need as long as given for the first byte or line."""
     os.write(handle, sent)
     answer = b""
-    while select.select([handle], [], [], SILENCE_S if answer else within_s)[0]:
+    while select.select([handle], [], [], SILENCE_S if answer and answer.count(b"\n") >= lines else within_s)[0]:
         answer += os.read(handle, 4096)
     return answer
 
@@ -135,7 +126,7 @@ def test_an_answer_takes_the_time_of_its_bytes_at_19200_baud(lines: Lines) -> No
 def test_a_stand_that_obeys_letters(lines: Lines) -> None:
     with opened(lines.serial) as line:
         assert reply(line, b"p") == b"S M\r\n"
-        travel, force = reply(line, b"n").decode().splitlines()
+        travel, force = reply(line, b"n", lines=2).decode().splitlines()
         assert travel.endswith(" mm")
         assert force.endswith(" N")
         assert abs(float(travel.split()[0])) < 0.002
@@ -143,11 +134,11 @@ def test_a_stand_that_obeys_letters(lines: Lines) -> None:
         assert reply(line, b"e0000.2a") == b"0.5 mm/min\r\n"  # the slowest: a faster one is at its force limit before a busy computer looks
         assert reply(line, b"u", 0.02) == b""
         assert reply(line, b"p") == b"U M\r\n"
-        wait_until(lambda: float(reply(line, b"n").split()[2]) > 300.0)
+        wait_until(lambda: float(reply(line, b"n", lines=2).split()[2]) > 300.0)
         assert reply(line, b"s", 0.02) == b""
         assert reply(line, b"p") == b"S M\r\n"
-        held = [float(word) for word in reply(line, b"n").split()[::2]]
-        later = [float(word) for word in reply(line, b"n").split()[::2]]
+        held = [float(word) for word in reply(line, b"n", lines=2).split()[::2]]
+        later = [float(word) for word in reply(line, b"n", lines=2).split()[::2]]
         assert later[0] == pytest.approx(held[0], abs=0.002)
         assert later[1] == pytest.approx(held[1], abs=10)
         # Stiffness of specimen and machine in series.

@@ -19,28 +19,20 @@ from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.line_faults import Line, LineFault
 from semlive_simulators.load_frame.serial_lines import ascii_line, rtu_line
-from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
+from semlive_simulators.load_frame.server import UNIT, BenchRegisters
 from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
+from ..clocks import WallClock
 from ..waiting import wait_until
+from .running_bench import running_bench
 
 Client = ModbusTcpClient | ModbusSerialClient
 PAPER = load_scenario("paper_x200")
 TIMEOUT_S = 1.0
 LINES = {"tcp": 0b001, "rtu": 0b010, "serial": 0b100}
 REPLIES = [trouble for trouble in LineFault if trouble is not LineFault.SILENT]
-
-
-class Wall:
-    """Experiment time is wall time."""
-
-    def now_ns(self) -> int:
-        return time.time_ns()
-
-    def mono_ns(self) -> int:
-        return time.monotonic_ns()
 
 
 @dataclass
@@ -75,23 +67,16 @@ class Troubled:
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Troubled]:
     scenario = replace(PAPER, scan=replace(PAPER.scan, width_px=64, height_px=55, frame_time_s=6.0))
-    clock = BenchClock(5.0, lambda _: None)  # nothing advances the machine between requests
-    machine = LoadTrain(scenario, clock.start_ns)
-    sem = Sem(scenario, clock, machine, tmp_path_factory.mktemp("export"), True, lambda _: None, lambda _: None)
-    registers = BenchRegisters(scenario, clock, machine, sem)
-    server = ModbusThread(registers, 0)
-    port = server.start()
-    clock.begin()
-    troubles = registers.line_faults
-    machine.read(clock.now_ns())  # what is slow the first time
-    control = ModbusTcpClient("127.0.0.1", port=port, timeout=20, retries=0)
-    assert control.connect()
-    assert control.socket is not None
-    troubles.exempt(control.socket.getsockname()[1])
-    with rtu_line(port, UNIT, troubles) as rtu, ascii_line(machine, clock.now_ns, troubles) as (stand, _):
-        yield Troubled(port, rtu, stand, control, machine, clock.now_ns)
-    control.close()
-    server.stop()
+    # At this rate nothing advances the machine between requests.
+    with running_bench(scenario, 5.0, tmp_path_factory.mktemp("export")) as parts:
+        troubles, now_ns = parts.registers.line_faults, parts.clock.now_ns
+        control = ModbusTcpClient("127.0.0.1", port=parts.port, timeout=20, retries=0)
+        assert control.connect()
+        assert control.socket is not None
+        troubles.exempt(control.socket.getsockname()[1])
+        with rtu_line(parts.port, UNIT, troubles) as rtu, ascii_line(parts.machine, now_ns, troubles) as (stand, _):
+            yield Troubled(parts.port, rtu, stand, control, parts.machine, now_ns)
+        control.close()
 
 
 @pytest.fixture(autouse=True)
@@ -167,7 +152,7 @@ def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: 
     wait_until(lambda: bench.machine.read(bench.now_ns()).force_n > 195.0)
     settings = {"port": bench.port, "timeout_s": TIMEOUT_S, "watchdog_s": 0.0}
     for trouble in REPLIES:
-        device = open_load_frame(settings, Wall())
+        device = open_load_frame(settings, WallClock())
         bench.order(trouble, "tcp", wait_s=0.05)
         reported_n = None
         with contextlib.suppress(LinkError):
@@ -177,7 +162,7 @@ def test_the_driver_reports_link_error_or_the_truth_and_a_new_link_works(bench: 
         assert reported_n is not None or trouble not in (LineFault.LATE, LineFault.SPLIT, LineFault.TWICE)
         assert reported_n is None or trouble not in (LineFault.LOST, LineFault.WRONG_CHECK)
         bench.order(LineFault.TWICE, "tcp", count=0)  # an order for no reply at all
-        again = open_load_frame(settings, Wall())
+        again = open_load_frame(settings, WallClock())
         assert abs(again.read().force_n - 200.0) < 10
         again.close()
     bench.machine.ramp_to(0.0, 100.0)

@@ -13,28 +13,18 @@ from pymodbus.client import ModbusTcpClient
 
 from semlive.cli.app import run_app
 from semlive_drivers.maps import map_text
-from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.serial_lines import rtu_line
-from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.microscope.sem import Sem
+from semlive_simulators.load_frame.server import UNIT
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.specimen.machine import LoadTrain
+
+from .running_bench import running_bench
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, str]]:
+def bench() -> Iterator[tuple[int, str]]:
     """TCP port and serial path of a bench on which nothing scans."""
-    scenario, clock = load_scenario("paper_x200"), BenchClock(1.0, lambda _: None)
-    machine = LoadTrain(scenario, clock.start_ns)
-    machine.read(clock.start_ns)
-    sem = Sem(scenario, clock, machine, tmp_path_factory.mktemp("export"), True, lambda _: None, lambda _: None)
-    registers = BenchRegisters(scenario, clock, machine, sem)
-    server = ModbusThread(registers, 0)
-    port = server.start()
-    clock.begin()
-    with rtu_line(port, UNIT, registers.line_faults) as path:
-        yield port, path
-    server.stop()
+    with running_bench(load_scenario("paper_x200"), 1.0) as parts, rtu_line(parts.port, UNIT, parts.registers.line_faults) as path:
+        yield parts.port, path
 
 
 Check = Callable[..., tuple[int, str, str]]

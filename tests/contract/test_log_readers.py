@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from read_by_others import by_node, check_messages, counts, node_modules, viewers_understand
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import DistortionField, DriftEstimate, EstimateRevision
@@ -42,9 +42,6 @@ from semlive.formats.log.reader import LogMessage
 from semlive.formats.log.writer import LogWriter
 from semlive.service.analysis.preview_images import preview_images
 from semlive.service.analysis.results import result_messages
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from read_by_others import by_node, check_messages, counts, node_modules, viewers_understand
 
 GRID = Grid(20, 30, 5, 12, 9, 21)
 END_NS = 1_763_732_636_814_000_001

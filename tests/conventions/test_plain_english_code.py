@@ -18,20 +18,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from measure import BANNED as BANNED_IDENTIFIERS
-from measure import PRODUCT, names
+from measure import CONTRACT_FIELDS, CONTRACT_NAMES, PRODUCT, banned_words, names
 from test_plain_english import banned
 
 ROOT = Path(__file__).resolve().parents[2]
-
-CONTRACT_NAMES: frozenset[str] = frozenset({"say", "heard", "tell", "RATE_NOT_KEPT", "sutton_phases_apart"})
-"""Identifiers that other programs rely on: keys of JSON, of logs and of the configuration, methods of Python files."""
-
-CONTRACT_FIELDS = {
-    "semlive/web/page_state.py": {"wanted", "told", "desk"},
-    "tests/benchmarks/peer_frame/scenario.py": {"said", "asked"},
-}
-"""Identifiers of one module that are keys of the JSON which the live page reads, or of stored observations."""
 
 CONTRACT_KEYS = r"\b(?:tells|says|words|said)(?=:| names\b)|#words\b|/say\b|\"say\"|\bstate-word\b"
 """Keys of device maps, of stored observations and of the live page's requests, and two anchors of pages, in texts of the tests."""
@@ -50,8 +40,6 @@ TEST_NAMES = re.compile(
 """Terms that the name of a test does not use, besides those of texts."""
 
 pytestmark = pytest.mark.checkout
-
-_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 
 @lru_cache(maxsize=1)
@@ -85,8 +73,7 @@ def identifiers(source: str) -> Iterator[tuple[int, str]]:
     """Line and name of every identifier with a banned word; *left* is a direction where *right* is used, too."""
     for node in _nodes(source):
         for name in names(node):
-            words = {word.lower() for word in _WORD.findall(name)}
-            found = words & BANNED_IDENTIFIERS
+            found = banned_words(name)
             if "left" in found and re.search(r"right|lower|upper", source):
                 found = found - {"left"}
             if found and name not in CONTRACT_NAMES:

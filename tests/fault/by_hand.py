@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -14,18 +13,7 @@ from semlive.data.frame import ExportedFile
 from semlive.service.watch.export_folder import ExportFolder
 from semlive.service.watch.watch_settings import RejectedFile, WatchSettings
 
-
-@dataclass
-class HandClock:
-    """Wall time and experiment time are equal, and advance only when the test sets them."""
-
-    ns: int = 10**18
-
-    def now_ns(self) -> int:
-        return self.ns
-
-    def mono_ns(self) -> int:
-        return self.ns
+from ..clocks import HandClock
 
 
 class Watched:

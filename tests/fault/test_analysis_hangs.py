@@ -21,20 +21,14 @@ from semlive.service.config.configuration import parse_config
 from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
 
+from ..clocks import WallClock
+
 CONFIG = {
     "sem": {"folder": "export", "pixel_size_um": 1.25},
     "stage": {"driver": "null"},
     "protocol": {"calibration_shifts_px": [[0, 0]]},
 }
 WAITING, BYTES = 200, 100_000
-
-
-class Now:
-    def now_ns(self) -> int:
-        return time.time_ns()
-
-    def mono_ns(self) -> int:
-        return time.monotonic_ns()
 
 
 def children() -> set[int]:
@@ -45,7 +39,7 @@ def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
     tmp_path: Path, wait_until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorder, printed, troubles, before = (
-        Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail),
+        Recorder(tmp_path / "run.000.mcap", WallClock(), pytest.fail),
         list[AnalysisOutput](),
         list[str](),
         children(),
@@ -81,7 +75,7 @@ def test_a_hung_analysis_is_started_again_and_what_waits_for_it_takes_no_memory(
 
 
 def test_what_is_not_in_the_log_is_not_waited_for(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail)
+    recorder = Recorder(tmp_path / "run.000.mcap", WallClock(), pytest.fail)
     link = AnalysisProcess(tmp_path, lambda: recorder.write_failed, lambda _: None, lambda _what, _lost: None)
     link.notify_input(LogMessage(SEM_SIDECAR, 1, 1, 0, b""))
     began_s = time.monotonic()
@@ -93,7 +87,7 @@ def test_what_is_not_in_the_log_is_not_waited_for(tmp_path: Path) -> None:
 def test_steps_of_the_wall_clock_do_not_end_analysis(
     tmp_path: Path, clock_peer: Path, wait_until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder, printed, troubles = Recorder(tmp_path / "run.000.mcap", Now(), pytest.fail), list[AnalysisOutput](), list[str]()
+    recorder, printed, troubles = Recorder(tmp_path / "run.000.mcap", WallClock(), pytest.fail), list[AnalysisOutput](), list[str]()
     offset = tmp_path / "offset"
     offset.write_text("0")
     with monkeypatch.context() as environment:

@@ -6,7 +6,6 @@ import os
 import pty
 import resource
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -14,12 +13,13 @@ from io import FileIO, RawIOBase
 from pathlib import Path
 from typing import Any, cast
 
+from bench_record import measured
+
 from semlive.formats.log.messages import SEM_ORIGINAL, FaultMessage
 from semlive.service.log.files import messages
 from semlive.service.log.recording import Recorder
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from bench_record import measured
+from ..clocks import HandClock
 
 UNLIMITED = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
 
@@ -83,20 +83,12 @@ class SlowDisk(FileIO):
         return super().write(data)
 
 
-class Ticking:
-    def now_ns(self) -> int:
-        return 1
-
-    def mono_ns(self) -> int:
-        return 1
-
-
 def test_a_slow_disk_is_reported_and_nothing_is_lost(tmp_path: Path, wait_until: Callable[..., None]) -> None:
     def open_raw(path: Path) -> RawIOBase:
         return cast(RawIOBase, SlowDisk(path, "xb"))
 
     printed: list[str] = []
-    recorder = Recorder(tmp_path / "run.000.mcap", Ticking(), printed.append, open_raw=open_raw, slow_after_s=2.0)
+    recorder = Recorder(tmp_path / "run.000.mcap", HandClock(1), printed.append, open_raw=open_raw, slow_after_s=2.0)
     assert recorder.backlog_message is None
     for number in range(50):
         recorder.write("/fault", FaultMessage(time_ns=number, what="x", where="", action=""))

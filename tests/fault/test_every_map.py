@@ -5,14 +5,10 @@ All of it is `python tests/benchmarks/bench_every_map.py`.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from peer_frame.campaign import Campaign
 from peer_frame.every_map import EVERY_MAP, SHORT
 from peer_frame.map_setups import SETUPS

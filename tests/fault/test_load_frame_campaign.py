@@ -5,14 +5,10 @@ All of it is `python tests/benchmarks/bench_peer_frame.py`. The source of the in
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from peer_frame.building import PEERS, missing_tool
 from peer_frame.campaign import Campaign, chosen
 from peer_frame.catalogue import ALL

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_recover import campaign, standing
 from mcap.reader import make_reader
 
 from semlive.errors import BadLog, SemliveError
@@ -18,9 +19,6 @@ from semlive.formats.log.messages import DIC_MAP, SEM_ORIGINAL, LogLineMessage, 
 from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import messages
 from semlive.service.log.repair import ORIGINAL, recover_log, recover_segment, repair_partial_segments
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from bench_recover import campaign, standing
 
 RECOVER = [sys.executable, "-m", "semlive", "recover"]
 

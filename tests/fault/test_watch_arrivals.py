@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_watch import measure
 
 from semlive.data.settings import ScanProfile
-from semlive.service.watch.file_numbering import FileNumbering
+from semlive.service.watch.accepted_files import FileNumbering
 from semlive.service.watch.sidecars import sidecar_names
 from semlive_simulators.exporters.image_metadata import EncodedFrame, ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
 
 from .by_hand import Watched
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from bench_watch import measure
 
 SCAN = dataclasses.replace(load_scenario("paper_x200").scan, width_px=32, height_px=24, frame_time_s=0.108)
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from semlive.service.watch.accepted_files import FileNumbering
 from semlive.service.watch.export_folder import ExportFolder
-from semlive.service.watch.file_numbering import FileNumbering
 from semlive.service.watch.file_registry import DUPLICATE, PREEXISTING, FileRegistry, RegisteredFile
 from semlive.service.watch.watch_settings import WatchSettings
 

@@ -9,11 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from numba.core.caching import UserProvidedCacheLocator
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
 from bench_sandbox import command, pair
+from numba.core.caching import UserProvidedCacheLocator
 
 from semlive.service.runtime.jit_cache import KERNELS
 

@@ -16,6 +16,8 @@ from semlive.service.log.recording import Recorder
 from semlive.service.log.repair import recover_segment
 from semlive.service.log.tail import LogTail, follow
 
+from ..clocks import HandClock
+
 
 def write(path: Path, first: int, count: int, finish: bool = True) -> bytes:
     with path.open("wb") as stream:
@@ -128,18 +130,8 @@ def test_damage_in_the_middle_is_skipped_and_reported(tmp_path: Path) -> None:
         list(LogTail(tmp_path).poll())
 
 
-class Ticking:
-    """Experiment time that counts."""
-
-    def now_ns(self) -> int:
-        return 1
-
-    def mono_ns(self) -> int:
-        return 1
-
-
 def test_a_recorder_is_followed_to_its_end(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "run.000.mcap", Ticking(), lambda _: None)
+    recorder = Recorder(tmp_path / "run.000.mcap", HandClock(1), lambda _: None)
     read: list[LogMessage] = []
     reader = threading.Thread(target=lambda: read.extend(follow(tmp_path, 0.005)))
     reader.start()

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzz_formats import PROFILES, Tally, campaign, seeds
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,10 +21,7 @@ from semlive.formats.metadata.header import Header
 from semlive.formats.metadata.quantity import quantity
 from semlive.formats.metadata.timestamps import dated, iso
 from semlive.formats.vendors import fei, hitachi, jeol, tescan, zeiss
-from semlive.service.watch.file_numbering import FileNumbering
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-from fuzz_formats import PROFILES, Tally, campaign, seeds
+from semlive.service.watch.accepted_files import FileNumbering
 
 NOW_NS = 1_772_439_825 * 10**9
 ZEISS = ("AP_LINE_TIME", "AP_FRAME_TIME", "AP_DATE", "AP_TIME", "AP_LINE_COUNTER", "DP_NOISE_REDUCTION", "AP_IMAGE_PIXEL_SIZE")

@@ -22,7 +22,6 @@ from semlive.cli.app import app
 from semlive.service.log.files import messages
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "conventions"))
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "golden"))
 from json_keys import RECORDED, commands, printed
 from read_by_others import check_layout, check_messages, counts

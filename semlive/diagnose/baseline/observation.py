@@ -16,7 +16,7 @@ from semlive.data.pair import PairDecision
 from semlive.data.strain import MeasuredValue
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.elimination import eliminate_all
-from semlive.estimate.joint.observations.accumulation import dense_limit
+from semlive.estimate.joint.observations.accumulation import dense_limit, with_coarser_drift
 from semlive.estimate.joint.observations.design_columns import predicted
 from semlive.estimate.joint.observations.normal_equations import relinearise
 from semlive.estimate.joint.observations.priors import Smoothness
@@ -105,15 +105,15 @@ class Observation:
 def baseline_solution(state: EstimatorState) -> tuple[Solution, Solution | None]:
     """Solution from all pairs without further effects, and the one with the other distortion advection if the selection is in doubt.
 
+    The knots of the drift are further apart where pauses have more of them than one matrix may have.
+
     Raises:
-        IllPosed: there are too many pairs, or they are too far apart in time, for one matrix.
+        IllPosed: there are too many pairs for one matrix.
     """
+    state = with_coarser_drift(state)
     max_pairs = dense_limit(state)
     if max_pairs < len(state.phases):
-        raise IllPosed(
-            f"{len(state.phases)} pairs exceed the limit of one matrix, which is reached after the first {max_pairs}: "
-            "no effect can be identified in a longer run; diagnose a shorter one"
-        )
+        raise IllPosed(f"{len(state.phases)} pairs are more than the {max_pairs} of one matrix: diagnose a shorter run")
     selected, alternative = solve_both_couplings(state)
     return _with_smoothest_drift(selected), None if alternative is None else _with_smoothest_drift(alternative)
 

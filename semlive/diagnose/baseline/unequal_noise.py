@@ -76,9 +76,9 @@ def _over_field(baseline: HyperparameterGrid, whiten: Whitener, residual: Array)
     columns = np.linalg.qr(modes(baseline.design.observation.geometry, FIELD_ORDER).mean(axis=0))[0]
     mean = columns[:, :1] @ (columns[:, :1].T @ power)
     smooth = columns @ (columns.T @ power)
-    explained, left = float(np.sum((smooth - mean) ** 2)), float(np.sum((power - smooth) ** 2))
+    explained, scatter = float(np.sum((smooth - mean) ** 2)), float(np.sum((power - smooth) ** 2))
     terms, spare = columns.shape[1] - 1, len(power) - columns.shape[1]
-    statistic = (explained / terms) / (left / spare)
+    statistic = (explained / terms) / (scatter / spare)
     return np.exp(0.5 * (smooth - mean)) if statistic > 1.0 + SIGNIFICANT_DEVIATION * np.sqrt(2.0 / terms) else None
 
 

@@ -11,12 +11,11 @@ import numpy as np
 
 from semlive_simulators.effects.interfaces import (
     Array,
+    ByMagnification,
     Effect,
-    Magnification,
     PixelVisits,
     Plane,
     exponential_approach,
-    pick_by_magnification,
     step_function,
 )
 from semlive_simulators.kernels.exposure import gaussians
@@ -38,17 +37,14 @@ class ChargingFrameRamp(Effect):
     """
 
     name: ClassVar[str] = "charging_frame_ramp"
+    typical = (ByMagnification(0.15, 1.0), ByMagnification(0.3, 2.0), 5.0, 20.0, 1800.0)
+    """0.3 or 2 px, 5 grey levels."""
 
     x_px: float
     y_px: float
     brightness_levels: float
     charging_s: float
     dose_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> ChargingFrameRamp:
-        """0.3 or 2 px, 5 grey levels."""
-        return cls(pick_by_magnification(magnification, 0.15, 1.0), pick_by_magnification(magnification, 0.3, 2.0), 5.0, 20.0, 1800.0)
 
     def _charge(self, at: PixelVisits) -> Array:
         return np.expm1(-at.in_frame_s / self.charging_s) * np.expm1(-at.start_s / self.dose_s)
@@ -80,6 +76,8 @@ class ChargingLocalLens(Effect):
 
     name: ClassVar[str] = "charging_local_lens"
     apparent: ClassVar[bool] = True
+    typical = (ByMagnification(0.3, 2.0), 80.0, 10.0, 900.0, ((310.0, 250.0), (720.0, 610.0)))
+    """0.3 or 2 px around two grains."""
 
     peak_px: float
     width_px: float
@@ -87,11 +85,6 @@ class ChargingLocalLens(Effect):
     charging_s: float
     grains_px: tuple[tuple[float, float], ...]
     sizes: tuple[tuple[float, float], ...] = ()
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> ChargingLocalLens:
-        """0.3 or 2 px around two grains."""
-        return cls(pick_by_magnification(magnification, 0.3, 2.0), 80.0, 10.0, 900.0, ((310.0, 250.0), (720.0, 610.0)))
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """A displacement away from each grain."""
@@ -130,17 +123,14 @@ class ChargingJump(Effect):
     """
 
     name: ClassVar[str] = "charging_jump"
+    typical = (ByMagnification(1.0, 10.0), 1200.0, 25.0, 0.3)
+    """1 or 10 px every twenty minutes."""
 
     sd_px: float
     mean_interval_s: float
     flash_levels: float
     flash_s: float
     seed: int = 1
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> ChargingJump:
-        """1 or 10 px every twenty minutes."""
-        return cls(pick_by_magnification(magnification, 1.0, 10.0), 1200.0, 25.0, 0.3)
 
     def instants_s(self, until_s: float) -> Array:
         """T_k of all breakdowns that are possible up to a time."""

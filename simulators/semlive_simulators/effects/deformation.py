@@ -12,11 +12,9 @@ from semlive_simulators.effects.interfaces import (
     Array,
     Effect,
     Instants,
-    Magnification,
     PixelVisits,
     Plane,
     isotropic,
-    pick_by_magnification,
 )
 
 
@@ -32,14 +30,11 @@ class BendingMisalignment(Effect):
     """
 
     name: ClassVar[str] = "bending_misalignment"
+    typical = (7e-8, 0.33)
+    """A radius of 6.5 m at 2200 N: 0.02 px at the edge at x200, 0.05 px in the corner."""
 
     curvature_per_mm_n: float
     poissons_ratio: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> BendingMisalignment:
-        """A radius of 6.5 m at 2200 N: 0.02 px at the edge at x200, 0.05 px in the corner."""
-        return cls(pick_by_magnification(magnification, 7e-8, 7e-8), 0.33)
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """The displacement of a beam with constant curvature."""
@@ -61,14 +56,11 @@ class InplaneMisalignment(Effect):
     """
 
     name: ClassVar[str] = "inplane_misalignment"
+    typical = (5e-8, 1e-7)
+    """A shear of 1e-4 and a rotation of 2e-4 at 2200 N."""
 
     shear_per_n: float
     rotation_rad_per_n: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> InplaneMisalignment:
-        """A shear of 1e-4 and a rotation of 2e-4 at 2200 N."""
-        return cls(pick_by_magnification(magnification, 5e-8, 5e-8), pick_by_magnification(magnification, 1e-7, 1e-7))
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """Zero: the centre does not move."""
@@ -93,14 +85,11 @@ class InhomogeneousStrain(Effect):
     """
 
     name: ClassVar[str] = "inhomogeneous_strain"
+    typical = (1e-4, 250.0)
+    """0.22 px at 2200 N."""
 
     amplitude_px_per_n: float
     wavelength_px: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> InhomogeneousStrain:
-        """0.22 px at 2200 N."""
-        return cls(pick_by_magnification(magnification, 1e-4, 1e-4), 250.0)
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """A shear displacement in bands at 45 degrees."""
@@ -122,14 +111,11 @@ class OutOfPlaneTranslation(Effect):
     """
 
     name: ClassVar[str] = "out_of_plane_translation"
+    typical = (0.002, 14.1)
+    """4.4 um at 2200 N, which is 0.16 px at the edge."""
 
     lift_um_per_n: float
     working_distance_mm: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> OutOfPlaneTranslation:
-        """4.4 um at 2200 N, which is 0.16 px at the edge."""
-        return cls(pick_by_magnification(magnification, 0.002, 0.002), 14.1)
 
     def deflection(self, at: Instants) -> Array:
         """An isotropic change in proportion to the load."""
@@ -149,14 +135,11 @@ class TiltWithLoad(Effect):
     """
 
     name: ClassVar[str] = "tilt_with_load"
+    typical = (1e-6, 14.1)
+    """2.2 mrad at 2200 N: 0.04 px in the corner at x200."""
 
     tilt_rad_per_n: float
     working_distance_mm: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> TiltWithLoad:
-        """2.2 mrad at 2200 N: 0.04 px in the corner at x200."""
-        return cls(pick_by_magnification(magnification, 1e-6, 1e-6), 14.1)
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Perspective displacement of the tilted specimen."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict
 
-from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.effects.interfaces import Array, ByMagnification, Effect, Instants, PixelVisits, Plane
 from semlive_simulators.kernels.exposure import gaussians
 
 
@@ -68,15 +68,12 @@ class WarmupTransient(Effect):
     """
 
     name: ClassVar[str] = "warmup_transient"
+    typical = (ByMagnification(1.0, 10.0), ByMagnification(2.0, 20.0), 600.0)
+    """2 or 20 px in ten minutes."""
 
     x_px: float
     y_px: float
     time_constant_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> WarmupTransient:
-        """2 or 20 px in ten minutes."""
-        return cls(pick_by_magnification(magnification, 1.0, 10.0), pick_by_magnification(magnification, 2.0, 20.0), 600.0)
 
     def drift_px(self, at: Instants) -> Array:
         """An exponential decay."""
@@ -97,16 +94,13 @@ class ThermalOscillation(Effect):
     """
 
     name: ClassVar[str] = "thermal_oscillation"
+    typical = (ByMagnification(0.1, 2.5), ByMagnification(0.2, 5.0), 480.0, 0.7)
+    """0.2 or 5 px every eight minutes."""
 
     x_px: float
     y_px: float
     period_s: float
     phase_rad: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> ThermalOscillation:
-        """0.2 or 5 px every eight minutes."""
-        return cls(pick_by_magnification(magnification, 0.1, 2.5), pick_by_magnification(magnification, 0.2, 5.0), 480.0, 0.7)
 
     def drift_px(self, at: Instants) -> Array:
         """Equal phases in both axes."""
@@ -127,16 +121,13 @@ class RandomWalkDrift(Effect):
     """
 
     name: ClassVar[str] = "random_walk_drift"
+    typical = (ByMagnification(0.01, 0.3), 20_000.0, 60.0)
+    """0.85 or 25 px in two hours."""
 
     step_px_per_sqrt_s: float
     span_s: float
     shortest_period_s: float
     seed: int = 1
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> RandomWalkDrift:
-        """0.85 or 25 px in two hours."""
-        return cls(pick_by_magnification(magnification, 0.01, 0.3), 20_000.0, 60.0)
 
     def drift_px(self, at: Instants) -> Array:
         """Independent drifts of both axes."""
@@ -161,16 +152,13 @@ class BaselineDriftUnderresolved(Effect):
     """
 
     name: ClassVar[str] = "baseline_drift_underresolved"
+    typical = (ByMagnification(0.1, 2.0), 30.0, 240.0)
+    """0.1 or 2 px, periods from half a minute to four."""
 
     sd_px: float
     shortest_period_s: float
     longest_period_s: float
     seed: int = 1
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> BaselineDriftUnderresolved:
-        """0.1 or 2 px, periods from half a minute to four."""
-        return cls(pick_by_magnification(magnification, 0.1, 2.0), 30.0, 240.0)
 
     def drift_px(self, at: Instants) -> Array:
         """Independent drifts of both axes."""
@@ -194,14 +182,11 @@ class BaselineDistortionUnderresolved(Effect):
     """
 
     name: ClassVar[str] = "baseline_distortion_underresolved"
+    typical = (0.05, 110.0)
+    """0.05 px over 110 px."""
 
     amplitude_px: float
     wavelength_px: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> BaselineDistortionUnderresolved:
-        """0.05 px over 110 px."""
-        return cls(pick_by_magnification(magnification, 0.05, 0.05), 110.0)
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """A periodic field in x and y."""

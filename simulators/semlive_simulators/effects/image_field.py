@@ -11,12 +11,10 @@ from semlive_simulators.effects.interfaces import (
     Array,
     Effect,
     Instants,
-    Magnification,
     PixelVisits,
     Plane,
     exponential_approach,
     isotropic,
-    pick_by_magnification,
 )
 from semlive_simulators.kernels.pattern import gaussian
 
@@ -33,14 +31,11 @@ class MagnificationDrift(Effect):
     """
 
     name: ClassVar[str] = "magnification_drift"
+    typical = (3e-4, 3600.0)
+    """3e-4, which is 0.15 px at the edge."""
 
     change: float
     time_constant_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> MagnificationDrift:
-        """3e-4, which is 0.15 px at the edge."""
-        return cls(pick_by_magnification(magnification, 3e-4, 3e-4), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
         """An isotropic change."""
@@ -59,14 +54,11 @@ class MagnificationFrameInstability(Effect):
     """
 
     name: ClassVar[str] = "magnification_frame_instability"
+    typical = (5e-5,)
+    """5e-5, which is 0.026 px at the edge."""
 
     sd: float
     seed: int = 1
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> MagnificationFrameInstability:
-        """5e-5, which is 0.026 px at the edge."""
-        return cls(pick_by_magnification(magnification, 5e-5, 5e-5))
 
     def deflection(self, at: Instants) -> Array:
         """An isotropic change, constant within a frame."""
@@ -85,14 +77,11 @@ class RefocusMagnificationStep(Effect):
     """
 
     name: ClassVar[str] = "refocus_magnification_step"
+    typical = (5e-4,)
+    """5e-4, which is 0.26 px at the edge."""
 
     sd: float
     seed: int = 1
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> RefocusMagnificationStep:
-        """5e-4, which is 0.26 px at the edge."""
-        return cls(pick_by_magnification(magnification, 5e-4, 5e-4))
 
     def deflection(self, at: Instants) -> Array:
         """An isotropic change, constant within a frame."""
@@ -113,14 +102,11 @@ class RasterRotationDrift(Effect):
     """
 
     name: ClassVar[str] = "raster_rotation_drift"
+    typical = (5e-5, 3600.0)
+    """5e-5 rad, which is 0.026 px at the edge."""
 
     change_rad: float
     time_constant_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> RasterRotationDrift:
-        """5e-5 rad, which is 0.026 px at the edge."""
-        return cls(pick_by_magnification(magnification, 5e-5, 5e-5), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
         """A rotation."""
@@ -139,14 +125,11 @@ class ScanShearDrift(Effect):
     """
 
     name: ClassVar[str] = "scan_shear_drift"
+    typical = (5e-5, 3600.0)
+    """5e-5, which is 0.022 px at the edge."""
 
     change: float
     time_constant_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> ScanShearDrift:
-        """5e-5, which is 0.022 px at the edge."""
-        return cls(pick_by_magnification(magnification, 5e-5, 5e-5), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
         """A shear of the rows."""
@@ -165,14 +148,11 @@ class AspectDrift(Effect):
     """
 
     name: ClassVar[str] = "aspect_drift"
+    typical = (5e-5, 3600.0)
+    """5e-5, which is 0.026 px at the edge."""
 
     change: float
     time_constant_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> AspectDrift:
-        """5e-5, which is 0.026 px at the edge."""
-        return cls(pick_by_magnification(magnification, 5e-5, 5e-5), 3600.0)
 
     def deflection(self, at: Instants) -> Array:
         """A stretch along x and a compression along y."""
@@ -191,14 +171,11 @@ class DistortionScaleDrift(Effect):
     """
 
     name: ClassVar[str] = "distortion_scale_drift"
+    typical = (0.1, 3600.0)
+    """A tenth of the distortion."""
 
     change: float
     time_constant_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> DistortionScaleDrift:
-        """A tenth of the distortion."""
-        return cls(pick_by_magnification(magnification, 0.1, 0.1), 3600.0)
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """A fraction of the distortion."""
@@ -217,13 +194,10 @@ class AnisotropicPixel(Effect):
     """
 
     name: ClassVar[str] = "anisotropic_pixel"
+    typical = (0.01,)
+    """1 %, which is 5 px at the edge."""
 
     x_excess: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> AnisotropicPixel:
-        """1 %, which is 5 px at the edge."""
-        return cls(pick_by_magnification(magnification, 0.01, 0.01))
 
     def deflection(self, at: Instants) -> Array:
         """Constant in time."""
@@ -241,13 +215,10 @@ class ScanNonorthogonality(Effect):
     """
 
     name: ClassVar[str] = "scan_nonorthogonality"
+    typical = (0.01,)
+    """0.01 rad, which is 4.4 px at the edge."""
 
     skew_rad: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> ScanNonorthogonality:
-        """0.01 rad, which is 4.4 px at the edge."""
-        return cls(pick_by_magnification(magnification, 0.01, 0.01))
 
     def deflection(self, at: Instants) -> Array:
         """Constant in time."""

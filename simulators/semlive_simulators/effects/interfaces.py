@@ -8,8 +8,9 @@ linearly; b and w are evaluated at every pixel.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Protocol, Self, TypeAlias, runtime_checkable
+from typing import ClassVar, Literal, NamedTuple, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,34 +26,39 @@ Plane: TypeAlias = tuple[Array, Array]
 Magnification: TypeAlias = Literal["x200", "x10000"]
 
 
+class ByMagnification(NamedTuple):
+    """A value at x200 and at x10000."""
+
+    x200: float
+    x10000: float
+
+
 class Effect:
     """Base class of all effects. Each is a frozen dataclass whose fields have physical units.
 
     Attributes:
         name: name in reports and scenarios.
         apparent: whether its displacement of material points distorts the image and not the specimen.
+        typical: typical values of the first fields; `ByMagnification` where they differ at x200 and x10000.
     """
 
     __slots__ = ()
     __pydantic_config__ = ConfigDict(extra="forbid")
     name: ClassVar[str]
     apparent: ClassVar[bool] = False
+    typical: ClassVar[tuple[object, ...]]
 
     @classmethod
     def defaults(cls, magnification: Magnification) -> Self:
-        """A typical magnitude at x200 or x10000."""
-        raise NotImplementedError(f"{cls.__name__} has no defaults for {magnification}")
+        """An effect of typical magnitude at x200 or x10000.
 
-
-def pick_by_magnification(magnification: Magnification, x200: float, x10000: float) -> float:
-    """The value for a magnification.
-
-    Raises:
-        ValueError: for any other magnification.
-    """
-    if magnification not in ("x200", "x10000"):
-        raise ValueError(f"defaults are for x200 or x10000, not {magnification}")
-    return x200 if magnification == "x200" else x10000
+        Raises:
+            ValueError: for any other magnification.
+        """
+        if magnification not in ("x200", "x10000"):
+            raise ValueError(f"defaults are for x200 or x10000, not {magnification}")
+        make: Callable[..., Self] = cls
+        return make(*(getattr(value, magnification) if isinstance(value, ByMagnification) else value for value in cls.typical))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from semlive_simulators.effects.interfaces import Effect, Magnification, pick_by_magnification
+from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.specimen.specimen import Motion
 
 
@@ -21,13 +21,10 @@ class LoadCellZero(Effect):
     """
 
     name: ClassVar[str] = "load_cell_zero"
+    typical = (20.0,)
+    """20 N, about 1 % of the largest load."""
 
     zero_n: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> LoadCellZero:
-        """20 N, about 1 % of the largest load."""
-        return cls(pick_by_magnification(magnification, 20.0, 20.0))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
         """Add the zero offset."""
@@ -45,13 +42,10 @@ class LoadCellGain(Effect):
     """
 
     name: ClassVar[str] = "load_cell_gain"
+    typical = (0.02,)
+    """2 %."""
 
     gain_error: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> LoadCellGain:
-        """2 %."""
-        return cls(pick_by_magnification(magnification, 0.02, 0.02))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
         """Multiply by the gain."""
@@ -69,13 +63,10 @@ class LoadCellDrift(Effect):
     """
 
     name: ClassVar[str] = "load_cell_drift"
+    typical = (0.002,)
+    """7 N in an hour."""
 
     rate_n_per_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> LoadCellDrift:
-        """7 N in an hour."""
-        return cls(pick_by_magnification(magnification, 0.002, 0.002))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
         """Add the drift."""
@@ -93,13 +84,10 @@ class LoadFrameCompliance(Effect):
     """
 
     name: ClassVar[str] = "load_frame_compliance"
+    typical = (5000.0,)
+    """5000 N/mm, a third of that of the specimen."""
 
     fixture_stiffness_n_mm: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> LoadFrameCompliance:
-        """5000 N/mm, a third of that of the specimen."""
-        return cls(pick_by_magnification(magnification, 5000.0, 5000.0))
 
     def extension_reading_mm(self, reading_mm: float, load_n: float) -> float:
         """Add the elongation of the fixtures."""
@@ -117,13 +105,10 @@ class FrictionHysteresis(Effect):
     """
 
     name: ClassVar[str] = "friction_hysteresis"
+    typical = (15.0,)
+    """15 N."""
 
     friction_n: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> FrictionHysteresis:
-        """15 N."""
-        return cls(pick_by_magnification(magnification, 15.0, 15.0))
 
     def load_reading_n(self, reading_n: float, time_s: float, motion: Motion) -> float:
         """Add friction in the direction of the last load step."""

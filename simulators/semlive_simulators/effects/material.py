@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive_simulators.effects.interfaces import Array, Effect, Instants, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.effects.interfaces import Array, ByMagnification, Effect, Instants, PixelVisits, Plane
 from semlive_simulators.kernels.grains import grain_grey, smooth_field
 from semlive_simulators.specimen.elliptic import EllipticHole
 
@@ -29,6 +29,8 @@ class PlasticHardening(Effect):
     """
 
     name: ClassVar[str] = "plastic_hardening"
+    typical = (10.0, 95.0, 2.25)
+    """AL2024 annealed, 10 mm^2: 0.2 % plastic at 95 MPa, 1.3 % at 2200 N."""
 
     area_mm2: float
     proof_stress_mpa: float
@@ -37,11 +39,6 @@ class PlasticHardening(Effect):
     def __post_init__(self) -> None:
         if not (self.area_mm2 > 0 and self.proof_stress_mpa > 0 and self.exponent >= 1):
             raise ValueError("area_mm2 and proof_stress_mpa must be above 0, exponent at least 1")
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> PlasticHardening:
-        """AL2024 annealed, 10 mm^2: 0.2 % plastic at 95 MPa, 1.3 % at 2200 N."""
-        return cls(pick_by_magnification(magnification, 10.0, 10.0), 95.0, 2.25)
 
     def plastic_strain(self, peak_n: Array) -> Array:
         """Plastic strain along y after highest loads (n,) so far, N."""
@@ -85,6 +82,8 @@ class GrainStrain(Effect):
     """
 
     name: ClassVar[str] = "grain_strain"
+    typical = (2, ByMagnification(160.0, 250.0), 2e-7)
+    """A seventh of the mean elastic strain, 4.4e-4 at 2200 N."""
 
     seed: int
     grain_px: float
@@ -93,11 +92,6 @@ class GrainStrain(Effect):
     def __post_init__(self) -> None:
         if not self.grain_px > 0:
             raise ValueError(f"grain_px must be above 0, not {self.grain_px}")
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> GrainStrain:
-        """A seventh of the mean elastic strain, 4.4e-4 at 2200 N."""
-        return cls(2, pick_by_magnification(magnification, 160.0, 250.0), 2e-7)
 
     def material_px(self, x_px: Array, y_px: Array, at: PixelVisits) -> Plane:
         """Independent fields along and across the load."""
@@ -123,6 +117,8 @@ class GrainContrast(Effect):
     """
 
     name: ClassVar[str] = "grain_contrast"
+    typical = (1, ByMagnification(120.0, 200.0), ByMagnification(480.0, 400.0), 12.0)
+    """Pancake grains of 0.15 x 0.6 mm; at x10,000 subgrains of 5 x 10 um."""
 
     seed: int
     width_px: float
@@ -133,11 +129,6 @@ class GrainContrast(Effect):
     def __post_init__(self) -> None:
         if not (self.width_px > 0 and self.length_px > 0 and self.edge_px > 0):
             raise ValueError("width_px, length_px and edge_px must be above 0")
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> GrainContrast:
-        """Pancake grains of 0.15 x 0.6 mm; at x10,000 subgrains of 5 x 10 um."""
-        return cls(1, pick_by_magnification(magnification, 120.0, 200.0), pick_by_magnification(magnification, 480.0, 400.0), 12.0)
 
     def grey(self, grey: Array, x_px: Array, y_px: Array, at: PixelVisits) -> Array:
         """Add the offset of each grain."""
@@ -190,17 +181,14 @@ class Hole(Opening):
     """
 
     name: ClassVar[str] = "hole"
+    typical = (150.0, 1.0 / (10.0 * 71.1e3), 0.33)
+    """Radius 0.19 mm in AL2024-T4 of 10 mm^2; at x10,000 3.8 um, like a removed inclusion."""
 
     radius_px: float
     strain_per_n: float
     poissons_ratio: float
     grey_level: float = 12.0
     edge_px: float = 1.5
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> Hole:
-        """Radius 0.19 mm in AL2024-T4 of 10 mm^2; at x10,000 3.8 um, like a removed inclusion."""
-        return cls(pick_by_magnification(magnification, 150.0, 150.0), 1.0 / (10.0 * 71.1e3), 0.33)
 
     @property
     def shape(self) -> EllipticHole:
@@ -226,6 +214,8 @@ class Notch(Opening):
     """
 
     name: ClassVar[str] = "notch"
+    typical = (-200.0, 0.0, 800.0, 60.0, 1.0 / (10.0 * 71.1e3), 0.33)
+    """A slit 1 mm (at x10,000: 20 um) deep with a tip of 60 px, which has 8.3 times the remote strain."""
 
     tip_x_px: float
     tip_y_px: float
@@ -235,11 +225,6 @@ class Notch(Opening):
     poissons_ratio: float
     grey_level: float = 12.0
     edge_px: float = 1.5
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> Notch:
-        """A slit 1 mm (at x10,000: 20 um) deep with a tip of 60 px, which has 8.3 times the remote strain."""
-        return cls(pick_by_magnification(magnification, -200.0, -200.0), 0.0, 800.0, 60.0, 1.0 / (10.0 * 71.1e3), 0.33)
 
     @property
     def shape(self) -> EllipticHole:

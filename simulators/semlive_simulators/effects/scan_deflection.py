@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.effects.interfaces import ByMagnification, Effect, PixelVisits, Plane
 from semlive_simulators.kernels.exposure import gaussians
 from semlive_simulators.kernels.pattern import gaussian
 
@@ -24,14 +24,11 @@ class RowJitter(Effect):
     """
 
     name: ClassVar[str] = "row_jitter"
+    typical = (ByMagnification(0.03, 0.2),)
+    """0.03 or 0.2 px."""
 
     sd_px: float
     seed: int = 1
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> RowJitter:
-        """0.03 or 0.2 px."""
-        return cls(pick_by_magnification(magnification, 0.03, 0.2))
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """One offset in x per row."""
@@ -55,17 +52,14 @@ class MainsHum(Effect):
     """
 
     name: ClassVar[str] = "mains_hum"
+    typical = (ByMagnification(0.02, 0.5), ByMagnification(0.01, 0.25), 50.0, 0.4)
+    """0.02 or 0.5 px at 50 Hz."""
 
     amplitude_x_px: float
     amplitude_y_px: float
     frequency_hz: float
     phase_rad: float
     harmonics: tuple[tuple[int, float], ...] = ()
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> MainsHum:
-        """0.02 or 0.5 px at 50 Hz."""
-        return cls(pick_by_magnification(magnification, 0.02, 0.5), pick_by_magnification(magnification, 0.01, 0.25), 50.0, 0.4)
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Equal waves in both axes."""
@@ -88,14 +82,11 @@ class LineSyncHum(Effect):
     """
 
     name: ClassVar[str] = "line_sync_hum"
+    typical = (ByMagnification(0.02, 0.5), 50.0)
+    """0.02 or 0.5 px at 50 Hz."""
 
     amplitude_px: float
     frequency_hz: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> LineSyncHum:
-        """0.02 or 0.5 px at 50 Hz."""
-        return cls(pick_by_magnification(magnification, 0.02, 0.5), 50.0)
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """A wave along x."""
@@ -117,16 +108,13 @@ class Vibration(Effect):
     """
 
     name: ClassVar[str] = "vibration"
+    typical = (ByMagnification(0.01, 0.3), ByMagnification(0.01, 0.2), 23.7)
+    """0.01 or 0.3 px at 23.7 Hz."""
 
     amplitude_x_px: float
     amplitude_y_px: float
     frequency_hz: float
     seed: int = 1
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> Vibration:
-        """0.01 or 0.3 px at 23.7 Hz."""
-        return cls(pick_by_magnification(magnification, 0.01, 0.3), pick_by_magnification(magnification, 0.01, 0.2), 23.7)
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Equal waves in both axes."""
@@ -147,19 +135,12 @@ class ScanNonlinearity(Effect):
     """
 
     name: ClassVar[str] = "scan_nonlinearity"
+    typical = (ByMagnification(0.6, 1.2), ByMagnification(0.4, 0.8), ByMagnification(0.1, 0.2))
+    """About 1 or 2 px in the corners."""
 
     quadratic_px: float
     cubic_px: float
     hysteresis_px: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> ScanNonlinearity:
-        """About 1 or 2 px in the corners."""
-        return cls(
-            pick_by_magnification(magnification, 0.6, 1.2),
-            pick_by_magnification(magnification, 0.4, 0.8),
-            pick_by_magnification(magnification, 0.1, 0.2),
-        )
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """A function of the column in x, and of the row in y."""

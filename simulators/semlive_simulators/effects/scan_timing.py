@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.interfaces import Effect, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.effects.interfaces import ByMagnification, Effect, PixelVisits, Plane
 from semlive_simulators.kernels.exposure import gaussians
 from semlive_simulators.microscope.scan import Scan, Timing
 
@@ -23,13 +23,10 @@ class BidirectionalScan(Effect):
     """
 
     name: ClassVar[str] = "bidirectional_scan"
+    typical = (1.0,)
+    """1 px."""
 
     lag_px: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> BidirectionalScan:
-        """1 px."""
-        return cls(pick_by_magnification(magnification, 1.0, 1.0))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """Reverse the odd rows."""
@@ -48,12 +45,8 @@ class InterlacedScan(Effect):
     """
 
     name: ClassVar[str] = "interlaced_scan"
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> InterlacedScan:
-        """The effect has no parameters."""
-        pick_by_magnification(magnification, 0.0, 0.0)
-        return cls()
+    typical = ()
+    """The effect has no parameters."""
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """Set the start of each row in its field."""
@@ -73,13 +66,10 @@ class WrongRowTime(Effect):
     """
 
     name: ClassVar[str] = "wrong_row_time"
+    typical = (0.044,)
+    """4.4 %: an estimate without fly-back, with W t_D = 0.1024 s instead of t_R = 0.1071 s."""
 
     row_time_error: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> WrongRowTime:
-        """4.4 %: an estimate without fly-back, with W t_D = 0.1024 s instead of t_R = 0.1071 s."""
-        return cls(pick_by_magnification(magnification, 0.044, 0.044))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """Stretch all row starts."""
@@ -101,16 +91,13 @@ class IrregularRows(Effect):
     """
 
     name: ClassVar[str] = "irregular_rows"
+    typical = (0.01, 300, 20.0)
+    """A tenth of the row time of 0.1 s for each row, and a pause of 20 s before row 300."""
 
     delay_s: float
     pause_row: int = 0
     pause_s: float = 0.0
     seed: int = 1
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> IrregularRows:
-        """A tenth of the row time of 0.1 s for each row, and a pause of 20 s before row 300."""
-        return cls(pick_by_magnification(magnification, 0.01, 0.01), 300, 20.0)
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """Delay all rows by the sum of the delays so far."""
@@ -131,13 +118,10 @@ class WrongDwell(Effect):
     """
 
     name: ClassVar[str] = "wrong_dwell"
+    typical = (0.03,)
+    """3 %."""
 
     dwell_error: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> WrongDwell:
-        """3 %."""
-        return cls(pick_by_magnification(magnification, 0.03, 0.03))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """Change the dwell time."""
@@ -155,13 +139,10 @@ class TimestampOffset(Effect):
     """
 
     name: ClassVar[str] = "timestamp_offset"
+    typical = (5.0,)
+    """5 s."""
 
     offset_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> TimestampOffset:
-        """5 s."""
-        return cls(pick_by_magnification(magnification, 5.0, 5.0))
 
     def stamp_s(self, true_s: float) -> float:
         """Add the offset."""
@@ -179,17 +160,14 @@ class FrameIntegration(Effect):
     """
 
     name: ClassVar[str] = "frame_integration"
+    typical = (ByMagnification(4, 16),)
+    """4 or 16 scans."""
 
     scans: int
 
     def __post_init__(self) -> None:
         if self.scans < 1:
             raise ValueError(f"scans must be at least 1, not {self.scans}")
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> FrameIntegration:
-        """4 or 16 scans."""
-        return cls(round(pick_by_magnification(magnification, 4, 16)))
 
     def retime(self, timing: Timing, scan: Scan) -> Timing:
         """Each visit becomes `scans` visits in the same time."""

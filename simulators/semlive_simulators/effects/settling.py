@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from semlive_simulators.effects.interfaces import Array, Effect, Magnification, PixelVisits, Plane, pick_by_magnification
+from semlive_simulators.effects.interfaces import Array, ByMagnification, Effect, PixelVisits, Plane
 
 
 def _decays(amount: Array, first: tuple[float, float], second: tuple[float, float]) -> Array:
@@ -45,6 +45,8 @@ class FlybackSettling(Effect):
     """
 
     name: ClassVar[str] = "flyback_settling"
+    typical = (ByMagnification(0.5, 3.0), ByMagnification(5e-4, 2e-4))
+    """0.5 px over 5 columns of 100 us, or 3 px over 40 columns of 5 us."""
 
     amplitude_px: float
     settling_s: float
@@ -53,11 +55,6 @@ class FlybackSettling(Effect):
 
     def __post_init__(self) -> None:
         _require_positive(settling_s=self.settling_s, second_settling_s=self.second_settling_s)
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> FlybackSettling:
-        """0.5 px over 5 columns of 100 us, or 3 px over 40 columns of 5 us."""
-        return cls(pick_by_magnification(magnification, 0.5, 3.0), pick_by_magnification(magnification, 5e-4, 2e-4))
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Exponential decays from the left edge."""
@@ -80,6 +77,8 @@ class RowStartSettlingInPosition(Effect):
     """
 
     name: ClassVar[str] = "row_start_settling_in_position"
+    typical = (ByMagnification(0.625, 0.075), ByMagnification(50.0, 1.0))
+    """0.5 px over 40 columns of 1.25 um, or 3 px over 40 columns of 25 nm."""
 
     amplitude_um: float
     length_um: float
@@ -88,11 +87,6 @@ class RowStartSettlingInPosition(Effect):
 
     def __post_init__(self) -> None:
         _require_positive(length_um=self.length_um, second_length_um=self.second_length_um)
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> RowStartSettlingInPosition:
-        """0.5 px over 40 columns of 1.25 um, or 3 px over 40 columns of 25 nm."""
-        return cls(pick_by_magnification(magnification, 0.625, 0.075), pick_by_magnification(magnification, 50.0, 1.0))
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Exponential decays from the left edge."""
@@ -117,6 +111,8 @@ class FrameStartSettling(Effect):
     """
 
     name: ClassVar[str] = "frame_start_settling"
+    typical = (ByMagnification(0.15, 1.0), ByMagnification(0.3, 2.0), ByMagnification(5.0, 0.5))
+    """0.3 or 2 px for 5 or 0.5 s."""
 
     amplitude_x_px: float
     amplitude_y_px: float
@@ -127,15 +123,6 @@ class FrameStartSettling(Effect):
 
     def __post_init__(self) -> None:
         _require_positive(settling_s=self.settling_s, second_settling_s=self.second_settling_s)
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> FrameStartSettling:
-        """0.3 or 2 px for 5 or 0.5 s."""
-        return cls(
-            pick_by_magnification(magnification, 0.15, 1.0),
-            pick_by_magnification(magnification, 0.3, 2.0),
-            pick_by_magnification(magnification, 5.0, 0.5),
-        )
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Exponential decays from the upper edge."""
@@ -159,6 +146,8 @@ class FrameStartSettlingInPosition(Effect):
     """
 
     name: ClassVar[str] = "frame_start_settling_in_position"
+    typical = (ByMagnification(0.19, 0.025), ByMagnification(0.375, 0.05), ByMagnification(62.5, 1.25))
+    """0.3 px over 50 rows of 1.25 um, or 2 px over 50 rows of 25 nm."""
 
     amplitude_x_um: float
     amplitude_y_um: float
@@ -169,15 +158,6 @@ class FrameStartSettlingInPosition(Effect):
 
     def __post_init__(self) -> None:
         _require_positive(length_um=self.length_um, second_length_um=self.second_length_um)
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> FrameStartSettlingInPosition:
-        """0.3 px over 50 rows of 1.25 um, or 2 px over 50 rows of 25 nm."""
-        return cls(
-            pick_by_magnification(magnification, 0.19, 0.025),
-            pick_by_magnification(magnification, 0.375, 0.05),
-            pick_by_magnification(magnification, 62.5, 1.25),
-        )
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Exponential decays from the upper edge."""

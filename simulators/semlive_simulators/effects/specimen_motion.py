@@ -9,12 +9,11 @@ import numpy as np
 
 from semlive_simulators.effects.interfaces import (
     Array,
+    ByMagnification,
     Effect,
     Instants,
-    Magnification,
     PixelVisits,
     Plane,
-    pick_by_magnification,
     step_function,
 )
 from semlive_simulators.kernels.pattern import gaussian
@@ -33,15 +32,12 @@ class CreepInHold(Effect):
     """
 
     name: ClassVar[str] = "creep_in_hold"
+    typical = (6e-8, 10.0, 0.33)
+    """Near yield: 0.14 px at the edge 125 s after a step to 2200 N."""
 
     strain_per_n: float
     onset_s: float
     poissons_ratio: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> CreepInHold:
-        """Near yield: 0.14 px at the edge 125 s after a step to 2200 N."""
-        return cls(pick_by_magnification(magnification, 6e-8, 6e-8), 10.0, 0.33)
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """Zero: the centre does not move."""
@@ -70,15 +66,12 @@ class LoadStepTransient(Effect):
     """
 
     name: ClassVar[str] = "load_step_transient"
+    typical = (ByMagnification(0.001, 0.05), ByMagnification(0.003, 0.15), 60.0)
+    """1 or 50 px after a step of 350 N."""
 
     x_px_per_n: float
     y_px_per_n: float
     time_constant_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> LoadStepTransient:
-        """1 or 50 px after a step of 350 N."""
-        return cls(pick_by_magnification(magnification, 0.001, 0.05), pick_by_magnification(magnification, 0.003, 0.15), 60.0)
 
     def drift_px(self, at: Instants) -> Array:
         """An exponential decay after every load step."""
@@ -101,14 +94,11 @@ class StageStepTransient(Effect):
     """
 
     name: ClassVar[str] = "stage_step_transient"
+    typical = (ByMagnification(0.02, 0.3), 60.0)
+    """0.5 px after 25 px, or 3 px after 10 px."""
 
     fraction: float
     time_constant_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> StageStepTransient:
-        """0.5 px after 25 px, or 3 px after 10 px."""
-        return cls(pick_by_magnification(magnification, 0.02, 0.3), 60.0)
 
     def drift_px(self, at: Instants) -> Array:
         """An exponential decay after every move."""
@@ -131,13 +121,10 @@ class StageBacklash(Effect):
     """
 
     name: ClassVar[str] = "stage_backlash"
+    typical = (1.0,)
+    """1 um: 0.8 or 40 px."""
 
     backlash_um: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> StageBacklash:
-        """1 um: 0.8 or 40 px."""
-        return cls(pick_by_magnification(magnification, 1.0, 1.0))
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """An offset with the sign of the last motion."""
@@ -163,13 +150,10 @@ class StageQuadratic(Effect):
     """
 
     name: ClassVar[str] = "stage_quadratic"
+    typical = (ByMagnification(4e-4, 0.3),)
+    """0.5 px at 40 um, or 12 px at 1 um."""
 
     quadratic_per_um: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> StageQuadratic:
-        """0.5 px at 40 um, or 12 px at 1 um."""
-        return cls(pick_by_magnification(magnification, 4e-4, 0.3))
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """The error at the end of the last move."""
@@ -195,14 +179,11 @@ class StageYaw(Effect):
     """
 
     name: ClassVar[str] = "stage_yaw"
+    typical = (3e-4,)
+    """3e-4 rad, which is 0.15 px at the edge."""
 
     sd_rad: float
     seed: int = 1
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> StageYaw:
-        """3e-4 rad, which is 0.15 px at the edge."""
-        return cls(pick_by_magnification(magnification, 3e-4, 3e-4))
 
     def specimen_shift_px(self, at: Instants) -> Array:
         """Zero: the centre does not move."""
@@ -229,15 +210,12 @@ class DriftJump(Effect):
     """
 
     name: ClassVar[str] = "drift_jump"
+    typical = (ByMagnification(0.3, 3.0), ByMagnification(0.5, 5.0), 600.0)
+    """0.5 or 5 px after ten minutes."""
 
     x_px: float
     y_px: float
     at_s: float
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> DriftJump:
-        """0.5 or 5 px after ten minutes."""
-        return cls(pick_by_magnification(magnification, 0.3, 3.0), pick_by_magnification(magnification, 0.5, 5.0), 600.0)
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """A jump between two pixels."""
@@ -258,15 +236,12 @@ class JumpWithinPair(Effect):
     """
 
     name: ClassVar[str] = "jump_within_pair"
+    typical = (ByMagnification(0.3, 3.0), ByMagnification(0.5, 5.0), 5)
+    """0.5 or 5 px before the sixth frame."""
 
     x_px: float
     y_px: float
     first_frame: int
-
-    @classmethod
-    def defaults(cls, magnification: Magnification) -> JumpWithinPair:
-        """0.5 or 5 px before the sixth frame."""
-        return cls(pick_by_magnification(magnification, 0.3, 3.0), pick_by_magnification(magnification, 0.5, 5.0), 5)
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Equal at all pixels."""

@@ -6,23 +6,12 @@ import signal
 import struct
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from pymodbus.client import ModbusTcpClient
-
-
-class WallClock:
-    """Experiment time is the monotonic clock."""
-
-    def now_ns(self) -> int:
-        return time.monotonic_ns()
-
-    def mono_ns(self) -> int:
-        return time.monotonic_ns()
 
 
 @dataclass

@@ -26,11 +26,11 @@ from semlive_simulators.microscope.sem import Sem
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
+from ...clocks import MonotonicClock
 from .emulated import Device, Spring, laumas_tlb, leadshine, oriental_az, over_rtu, over_tcp
-from .processes import WallClock
 from .text_server import over_text
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 APPROACH = {"stiffness_n_mm": 1200.0, "speed_max_mm_s": 0.5, "speed_min_mm_s": 0.01, "arrived_n": 0.5, "ahead_s": 0.2}
 
 

@@ -29,7 +29,7 @@ from semlive_drivers.modbus.registers import Kind
 from semlive_drivers.modbus.tcp.link import ModbusLink
 from semlive_drivers.modbus.trigger import open_trigger
 
-from .processes import WallClock
+from ...clocks import MonotonicClock
 
 
 @contextlib.contextmanager
@@ -175,7 +175,7 @@ def test_a_thread_keeps_its_device_while_it_opens_a_failed_link_again(server: so
 
 def test_a_trigger_keeps_its_device_between_requests(server: socket.socket) -> None:
     port = port_of(server)
-    trigger = open_trigger({"host": "127.0.0.1", "port": port}, WallClock())
+    trigger = open_trigger({"host": "127.0.0.1", "port": port}, MonotonicClock())
     with process("tcp", "127.0.0.1", str(port), "1") as (_, printed):
         assert "is driven by another semlive" in printed
     trigger.close()

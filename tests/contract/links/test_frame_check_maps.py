@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import random
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from bench_frame_check import judge, simulated_bench
 from frame_check_maps import ERRORS, simulated_truth, wrong_maps
 

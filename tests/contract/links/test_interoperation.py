@@ -27,17 +27,16 @@ from semlive.data.loading import MotionState
 from semlive.errors import LinkError
 from semlive_drivers.modbus.check import check_modbus
 from semlive_drivers.modbus.load_frame import open_load_frame
-from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.serial_lines import rtu_line
-from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.microscope.sem import Sem
+from semlive_simulators.load_frame.server import UNIT
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
-from .processes import WallClock
+from ..running_bench import running_bench
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 HERE = Path(__file__).parent
 ORDER = [0x4316, 0, 0x42C8, 0, 1, 77]  # 150 N at 100 N/s, go, and a nonce
 
@@ -103,18 +102,9 @@ def joined(socat: str, folder: Path, one: str, other: str) -> Iterator[tuple[str
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    scenario, clock = load_scenario("paper_x200"), BenchClock(1.0, lambda _: None)
-    machine = LoadTrain(scenario, clock.start_ns)
-    machine.read(clock.start_ns)
-    sem = Sem(scenario, clock, machine, tmp_path_factory.mktemp("export"), True, lambda _: None, lambda _: None)
-    registers = BenchRegisters(scenario, clock, machine, sem)
-    server = ModbusThread(registers, 0)
-    port = server.start()
-    clock.begin()
-    with rtu_line(port, UNIT, registers.line_faults) as path:
-        yield Bench(port, path, machine)
-    server.stop()
+def bench() -> Iterator[Bench]:
+    with running_bench(load_scenario("paper_x200"), 1.0) as parts, rtu_line(parts.port, UNIT, parts.registers.line_faults) as path:
+        yield Bench(parts.port, path, parts.machine)
 
 
 @pytest.fixture

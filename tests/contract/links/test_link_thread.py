@@ -33,10 +33,11 @@ from semlive.service.device_link import DeviceLink
 from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.stage import open_stage
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
-from .processes import WallClock, peer
+from .processes import peer
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 DEAD_MAN_S = 0.4
 LIMITS = Limits(-50.0, 1000.0, -1.0, 1.0, 100.0, 500.0, 100.0, stale_after_s=0.5, lost_after_s=1.5)
 IDENTITY = DeviceIdentity("few lines", simulated=True, stop_on_link_loss=StopOnLinkLoss.NONE)

@@ -13,13 +13,13 @@ from semlive.errors import LinkError, LinkRefused
 from semlive_drivers.composite_config import open_load_frame
 from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
 
-from .processes import WallClock
+from ...clocks import MonotonicClock
 
 FORCE = {"force": {"column": "Force"}, "extension": {"column": "Ext"}}
 
 
 def tail(path: Path, **settings: object) -> CsvLoadFile:
-    return CsvLoadFile(CsvSettings.model_validate({"file": str(path), "frozen_after_s": 100.0, **(settings or FORCE)}), WallClock())
+    return CsvLoadFile(CsvSettings.model_validate({"file": str(path), "frozen_after_s": 100.0, **(settings or FORCE)}), MonotonicClock())
 
 
 def test_decimal_commas_between_commas_are_no_reading(tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_what_is_no_file_is_refused_at_once(tmp_path: Path, kind: str, reason: s
 def test_a_line_without_end_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "load.csv"
     path.write_text("Time;Force;Ext\n0,5;134,2;0,5\n")
-    frame = open_load_frame({"cell": {"protocol": "csv", "file": str(path), "force": {"column": "Force"}}}, WallClock())
+    frame = open_load_frame({"cell": {"protocol": "csv", "file": str(path), "force": {"column": "Force"}}}, MonotonicClock())
     with path.open("a") as grown:
         grown.write("9" * 200_000 + "\n")
     with pytest.raises(LinkError, match="its newest line is longer than"):

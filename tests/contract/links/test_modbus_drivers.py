@@ -19,10 +19,11 @@ from semlive_drivers.modbus.stage import open_stage
 from semlive_drivers.modbus.tcp.link import ModbusLink
 from semlive_drivers.modbus.trigger import open_trigger
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
-from .processes import Peer, WallClock, peer
+from .processes import Peer, peer
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 
 
 @pytest.fixture

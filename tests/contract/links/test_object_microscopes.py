@@ -15,8 +15,8 @@ from semlive.data.checks import Verdict
 from semlive.errors import LinkError, LinkRefused
 from semlive_drivers.microscope import autoscript, smartsem
 
+from ...clocks import MonotonicClock
 from .autoscript_peer import AutoScript, module
-from .processes import WallClock
 from .smartsem_peer import SmartSem, modules
 
 
@@ -51,7 +51,7 @@ def refused(opened: Callable[[], Any], folder: Path, spoil: Callable[[], object]
 
 
 def test_a_zeiss_frame_is_written_with_its_settings(zeiss: SmartSem, tmp_path: Path) -> None:
-    trigger = smartsem.open_trigger(of_zeiss(tmp_path), WallClock())
+    trigger = smartsem.open_trigger(of_zeiss(tmp_path), MonotonicClock())
     zeiss.commands.clear()
     report = trigger.scan_once()
     assert report.before.row_time_s == pytest.approx(5.376e-3)
@@ -79,13 +79,13 @@ def test_a_zeiss_frame_is_written_with_its_settings(zeiss: SmartSem, tmp_path: P
     ],
 )
 def test_a_zeiss_frame_is_refused(zeiss: SmartSem, tmp_path: Path, spoil: Callable[[SmartSem], object], reason: str) -> None:
-    assert reason in refused(lambda: smartsem.open_trigger(of_zeiss(tmp_path), WallClock()), tmp_path, lambda: spoil(zeiss))
+    assert reason in refused(lambda: smartsem.open_trigger(of_zeiss(tmp_path), MonotonicClock()), tmp_path, lambda: spoil(zeiss))
 
 
 def test_a_com_call_that_never_returns_is_a_named_fault_and_blocks_no_one(zeiss: SmartSem, tmp_path: Path) -> None:
     hangs = threading.Event()
     zeiss.write = lambda path: hangs.wait(30)
-    trigger = smartsem.open_trigger(of_zeiss(tmp_path, frame_timeout_s=1.5), WallClock())
+    trigger = smartsem.open_trigger(of_zeiss(tmp_path, frame_timeout_s=1.5), MonotonicClock())
     began_s = time.monotonic()
     with pytest.raises(LinkError, match=r"the frame was not complete within 1\.5 s"):
         trigger.scan_once()
@@ -99,14 +99,14 @@ def test_missing_com_support_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setitem(sys.modules, "pythoncom", None)
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(LinkRefused, match="run semlive on Windows for this trigger"):
-        smartsem.open_trigger(of_zeiss(tmp_path), WallClock())
+        smartsem.open_trigger(of_zeiss(tmp_path), MonotonicClock())
     monkeypatch.setattr(sys, "platform", "win32")
-    (found,) = smartsem.check_device(of_zeiss(tmp_path), WallClock())
+    (found,) = smartsem.check_device(of_zeiss(tmp_path), MonotonicClock())
     assert (found.verdict, "pip install 'semlive[smartsem]'" in found.observation) == (Verdict.FAILED, True)
 
 
 def test_a_thermo_fisher_frame_is_written_with_its_settings(thermo: AutoScript, tmp_path: Path) -> None:
-    trigger = autoscript.open_trigger({"folder": str(tmp_path), "port": 6500, "bits": 16}, WallClock())
+    trigger = autoscript.open_trigger({"folder": str(tmp_path), "port": 6500, "bits": 16}, MonotonicClock())
     thermo.calls.clear()
     report = trigger.scan_once()
     assert (report.before.row_time_s, report.after.row_time_s) == (None, 1.6e-3)
@@ -134,19 +134,19 @@ def test_a_thermo_fisher_frame_is_written_with_its_settings(thermo: AutoScript, 
     ],
 )
 def test_a_thermo_fisher_frame_is_refused(thermo: AutoScript, tmp_path: Path, spoil: Callable[[AutoScript], object], reason: str) -> None:
-    assert reason in refused(lambda: autoscript.open_trigger({"folder": str(tmp_path)}, WallClock()), tmp_path, lambda: spoil(thermo))
+    assert reason in refused(lambda: autoscript.open_trigger({"folder": str(tmp_path)}, MonotonicClock()), tmp_path, lambda: spoil(thermo))
 
 
 def test_autoscript_is_named_where_it_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "autoscript_sdb_microscope_client", None)
     with pytest.raises(LinkRefused, match="run semlive with the Python of AutoScript"):
-        autoscript.open_trigger({"folder": str(tmp_path)}, WallClock())
+        autoscript.open_trigger({"folder": str(tmp_path)}, MonotonicClock())
 
 
 def test_the_checks_report_what_the_objects_report(zeiss: SmartSem, thermo: AutoScript, tmp_path: Path) -> None:
-    (found,) = smartsem.check_device(of_zeiss(tmp_path), WallClock())
+    (found,) = smartsem.check_device(of_zeiss(tmp_path), MonotonicClock())
     assert "ZEISS SmartSEM Merlin-61-50 reports dwell time 5.25 us, row time 5.376 ms" in found.observation
-    (other,) = autoscript.check_device({"folder": str(tmp_path)}, WallClock())
+    (other,) = autoscript.check_device({"folder": str(tmp_path)}, MonotonicClock())
     assert "reports dwell time 1 us, row time not reported, field width 128 um, 1536 x 1024 px" in other.observation
     assert {found.verdict, other.verdict} == {Verdict.UNKNOWN}
     assert {"Grab", "CMD_UNFREEZE_ALL"}.isdisjoint(zeiss.commands)

@@ -15,11 +15,11 @@ from semlive.ports import BlindStop, OrderCheck
 from semlive_drivers.composite_load_frame import CompositeLoadFrame
 from semlive_drivers.modbus.load_frame import open_load_frame
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
 from .peer_frame import Peer, buildable, compiled, running
-from .processes import WallClock
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 ON_THE_WIRE_S = 0.1
 Opened = Callable[..., CompositeLoadFrame]
 

@@ -19,11 +19,11 @@ from semlive_drivers.modbus.check import check_modbus
 from semlive_drivers.modbus.device_map import load_map
 from semlive_drivers.modbus.load_frame import open_load_frame as open_one
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
 from .emulated import Device, Spring, laumas_tlb, leadshine, oriental_az, over_rtu, over_tcp
-from .processes import WallClock
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 APPROACH = {"stiffness_n_mm": 1200.0, "speed_max_mm_s": 0.5, "speed_min_mm_s": 0.01, "arrived_n": 0.5, "ahead_s": 0.2}
 
 

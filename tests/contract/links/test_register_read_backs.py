@@ -10,10 +10,10 @@ from semlive.errors import LinkError
 from semlive_drivers.maps import map_text
 from semlive_drivers.modbus.load_frame import open_load_frame
 
+from ...clocks import MonotonicClock
 from .emulated import Device, over_tcp
-from .processes import WallClock
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 
 
 def unverified(folder: Path) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import serial
@@ -15,33 +14,22 @@ from semlive.ports import LoadFrame
 from semlive_drivers.modbus.load_frame import open_load_frame
 from semlive_drivers.modbus.stage import open_stage
 from semlive_drivers.modbus.trigger import open_trigger
-from semlive_simulators.bench_clock import BenchClock
 from semlive_simulators.load_frame.line_faults import Line, LineFault, LineFaultInjector
 from semlive_simulators.load_frame.serial_lines import rtu_line
-from semlive_simulators.load_frame.server import UNIT, BenchRegisters, ModbusThread
-from semlive_simulators.microscope.sem import Sem
+from semlive_simulators.load_frame.server import UNIT
 from semlive_simulators.scenario import load_scenario
-from semlive_simulators.specimen.machine import LoadTrain
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
-from .processes import WallClock
+from ..running_bench import running_bench
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 
 
 @pytest.fixture(scope="module")
 def bench() -> Iterator[tuple[str, LineFaultInjector]]:
-    scenario, clock = load_scenario("paper_x200"), BenchClock(1.0, lambda _: None)
-    machine = LoadTrain(scenario, clock.start_ns)
-    machine.read(clock.start_ns)
-    sem = Sem(scenario, clock, machine, Path(), True, lambda _: None, lambda _: None)
-    registers = BenchRegisters(scenario, clock, machine, sem)
-    server = ModbusThread(registers, 0)
-    port = server.start()
-    clock.begin()
-    with rtu_line(port, UNIT, registers.line_faults) as path:
-        yield path, registers.line_faults
-    server.stop()
+    with running_bench(load_scenario("paper_x200"), 1.0) as parts, rtu_line(parts.port, UNIT, parts.registers.line_faults) as path:
+        yield path, parts.registers.line_faults
 
 
 def read_until_refused(frame: LoadFrame, times: int) -> int:

@@ -21,18 +21,11 @@ from semlive.formats import read_frame
 from semlive_drivers.microscope.sharksem.trigger import check_device, open_trigger
 from semlive_drivers.microscope.trigger import MicroscopeTrigger
 
+from ...clocks import WallClock
 from .sharksem_peer import Microscope, Peer, noise
 
 WIDTH, HEIGHT = 64, 48
 MOVES = ("Stg", "SetViewField", "SetWD", "SetGeometry", "HVBeam", "HVSet", "ScSet", "DtSelect", "DtSetGain", "SMSet", "Arl", "Vac")
-
-
-class Clock:
-    def now_ns(self) -> int:
-        return time.time_ns()
-
-    def mono_ns(self) -> int:
-        return time.monotonic_ns()
 
 
 @pytest.fixture
@@ -48,7 +41,7 @@ def settings(peer: Peer, folder: Path, **more: Any) -> dict[str, Any]:
 
 
 def opened(peer: Peer, folder: Path, **more: Any) -> MicroscopeTrigger:
-    return open_trigger(settings(peer, folder, **more), Clock())
+    return open_trigger(settings(peer, folder, **more), WallClock())
 
 
 def scanned(peer: Peer, folder: Path, **more: Any) -> ScanReport:
@@ -239,7 +232,7 @@ def test_without_an_estimate_of_the_microscope_the_row_time_is_not_invented(peer
 
 
 def test_the_check_reports_and_changes_nothing(peer: Peer, tmp_path: Path) -> None:
-    (found,) = check_device(settings(peer, tmp_path), Clock())
+    (found,) = check_device(settings(peer, tmp_path), WallClock())
     assert found.verdict is Verdict.UNKNOWN
     assert (
         "VG1234567US (SharkSEM 3.2.20) reports dwell time 3.2 us, row time 1.0417 ms, field width 200 um, 64 x 48 px" in found.observation
@@ -247,11 +240,11 @@ def test_the_check_reports_and_changes_nothing(peer: Peer, tmp_path: Path) -> No
     assert "not yet tried at a microscope" in found.advice
     assert {"ScScanXY", "ScStopScan", "GUISetScanning", "DtEnable"}.isdisjoint(peer.microscope.commands)
     peer.microscope.estimate_s = 60.0
-    assert [finding.verdict for finding in check_device(settings(peer, tmp_path), Clock())] == [Verdict.UNKNOWN, Verdict.FAILED]
-    (missing,) = check_device(settings(peer, tmp_path / "none"), Clock())
+    assert [finding.verdict for finding in check_device(settings(peer, tmp_path), WallClock())] == [Verdict.UNKNOWN, Verdict.FAILED]
+    (missing,) = check_device(settings(peer, tmp_path / "none"), WallClock())
     assert "is no folder in which this user can write" in missing.observation
     peer.microscope.beam = 0
-    (off,) = check_device(settings(peer, tmp_path), Clock())
+    (off,) = check_device(settings(peer, tmp_path), WallClock())
     assert (off.verdict, "its beam is off" in off.observation) == (Verdict.FAILED, True)
 
 

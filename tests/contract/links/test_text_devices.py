@@ -15,11 +15,11 @@ from semlive_drivers.composite_load_frame import CompositeLoadFrame
 from semlive_drivers.text.codec import CheckKind, Checksum, fill_template, with_check, without_check
 from semlive_drivers.text.load_frame import open_load_frame
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
-from .processes import WallClock
 from .text_server import over_text
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 
 
 class Amplifier:

@@ -21,10 +21,10 @@ from semlive_simulators.load_frame.serial_lines import ascii_line
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.specimen.machine import LoadTrain
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
-from .processes import WallClock
 
-CLOCK = WallClock()
+CLOCK = MonotonicClock()
 APPROACH = {"stiffness_n_mm": 8000.0, "speed_max_mm_s": 0.05, "speed_min_mm_s": 0.0084, "arrived_n": 12.0, "ahead_s": 0.6}
 
 

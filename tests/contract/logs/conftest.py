@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from numexp.asfolder import write_folder
 from numexp.cases import CASES
 from numexp.experiment import Experiment, make_experiment

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from run_notebook import run_notebook
 
 NOTEBOOKS = sorted((Path(__file__).parents[3] / "docs" / "examples").glob("*.ipynb"))

@@ -14,7 +14,6 @@ import pytest
 from semlive.data.experiment import Phase
 from semlive.errors import BadInput
 from semlive.formats.log.messages import LogLineMessage, RunMessage, StateMessage
-from semlive.report.alarms import alarm_blocks
 from semlive.report.document.blocks import (
     Bullets,
     Document,
@@ -27,7 +26,7 @@ from semlive.report.document.blocks import (
 )
 from semlive.report.run_data import MAX_MAP_FRAMES, chosen_frames, log_files, run_data
 from semlive.report.run_report import run_report
-from semlive.report.sections.appendix import refused_blocks, settings_text
+from semlive.report.sections.appendix import alarm_blocks, refused_blocks, settings_text
 from semlive.report.sections.wording import NOT_RECORDED, seconds, with_sigma
 from semlive.service.config.overrides import apply_overrides, parse_changes
 from semlive.service.log.alarms import Alarm, Alarms

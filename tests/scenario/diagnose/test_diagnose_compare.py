@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from blind.experiment import Conditions
 from blind.hiding import hidden_effect
 from blind.observing import QUICK, observed

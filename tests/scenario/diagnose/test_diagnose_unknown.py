@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from blind.cases import ONE, TWO, UNLISTED, Case
 from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from numexp.coverage import CALIBRATION_PAIRS, GRID, SMALL
 from numexp.experiment import Experiment, make_experiment
 from numexp.world import HEIGHT_PX, WIDTH_PX

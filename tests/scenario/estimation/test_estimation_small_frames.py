@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from numexp.noise import FrameNoise, NoiseKind
+from numpy.typing import NDArray
 
 from semlive import estimate as estimating
 from semlive.data.disparity import DisparityMap

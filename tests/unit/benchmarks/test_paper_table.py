@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
-
-from semlive.data.disparity import DisparityMap, PoiStatus
-from semlive.data.drift import DistortionField
-from semlive.data.grid import Grid
-from semlive.errors import BadInput
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from paper import write_between
 from sidebyside.facts import PAPER, STATED_WINDOW
 from sidebyside.field import PAPER_POINTS, on_papers_points
 from sidebyside.measure import FIELDS, GaugeRow, PhaseFigures, RunFigures
 from sidebyside.table import Row, correction_share, reached_at
+
+from semlive.data.disparity import DisparityMap, PoiStatus
+from semlive.data.drift import DistortionField
+from semlive.data.grid import Grid
+from semlive.errors import BadInput
 
 PAGE = Path(__file__).parents[3] / "docs" / "validation" / "paper.md"
 

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-from semlive.data.disparity import DisparityMap
-from semlive.data.grid import Grid
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from bench_rendered_rasters import MIN_SHARE, measure, table
 from rasters.detector import Noise
 from rasters.judge import Count, judge
 from rasters.matchable import TEMPLATE_PX, at_second, inside, matchable, near_step, sigma_bound_px
 from rasters.motion import random_rows
 from rasters.scenes import DISTURBANCES, NAMES, Scene, render, scene
+
+from semlive.data.disparity import DisparityMap
+from semlive.data.grid import Grid
 
 GRID = Grid(30, 30, 12, 22, 19, 43)
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from peer_frame.kept import keep, read_stored
 from peer_frame.page import line
 from peer_frame.scenario import Ending, Expected, Fault, Group, Observed, Scenario

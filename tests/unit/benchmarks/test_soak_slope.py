@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from bench_soak import grows, slope
 
 TIMES_S, PAIRS_PER_S = np.arange(2000.0), 0.5

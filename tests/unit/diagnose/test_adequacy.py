@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from blind.experiment import Conditions, hidden
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.live import decided
 from blind.observing import QUICK, observed
 from numexp.world import HEIGHT_PX, WIDTH_PX
+from threadpoolctl import threadpool_limits
 
 from semlive import estimate
 from semlive.data.diagnosis.effects import Outcome

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from blind.cases import CONFOUNDED, DEFORMED_LAW, GRID, NOTHING, ONE, REMOVED, TWO, UNLISTED, Case, Counts, cases, peak_px
 from blind.deformed import DEFORMED
 from blind.experiment import beyond_shear_px, hidden, largest_px

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from foreign.effects import Hidden, Spot, charged_spots, scaling_distortion
 from foreign.noise import Shape
 from foreign.world import Raster, Series, write

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from blind.experiment import Conditions, hidden
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.live import followed
+from threadpoolctl import threadpool_limits
 
 from semlive import pipeline
 from semlive.data.diagnosis.effects import DomainTest

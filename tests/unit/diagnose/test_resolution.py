@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from blind.cases import CONFOUNDED, GRID, Case
 from blind.experiment import Conditions
 from blind.hiding import hidden_effect

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from blind.experiment import AREA_MM2, YOUNGS_GPA, Conditions, HiddenPair, hidden
 from blind.live import decided, followed
 from numexp.asrun import START_NS
+from threadpoolctl import threadpool_limits
 
 from semlive import pipeline
 from semlive.data.diagnosis.effects import EffectModel, ModelEffect
@@ -23,6 +18,7 @@ from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult
 from semlive.data.settings import AnalysisSettings, EstimateSettings, SpecimenSettings
+from semlive.estimate.joint.observations import accumulation
 from semlive.pipeline import effect_correction
 from semlive_simulators.effects.charging import ChargingLocalLens
 
@@ -86,6 +82,20 @@ def test_results_after_each_pair_are_corrected_for_the_effect(modelled: Steps, w
 def test_the_end_is_that_of_all_pairs_at_once(charging: list[HiddenPair], modelled: Steps) -> None:
     *_, state = pipeline.follow(AnalysisSettings(estimate=STEADY, model=MODEL), ((decided(pair), pair.maps) for pair in charging))
     assert np.array_equal(last_field(modelled[-1][0]), last_field(pipeline.apply_effect_model(state)))
+
+
+def test_a_run_with_a_pause_is_corrected_with_fewer_drift_knots(
+    monkeypatch: pytest.MonkeyPatch, charging: list[HiddenPair], modelled: Steps
+) -> None:
+    """Live and at the end: how long a restart took, which was the load of the computer, decides nothing."""
+    monkeypatch.setattr(accumulation, "DENSE_KNOTS", 24)  # of the 30 that the run has
+    printed = list(followed(charging, AnalysisSettings(estimate=STEADY, model=MODEL)))
+    assert any(f"{NAME} taken out" in note.text for note in printed[-1][1].estimate.notes)
+    *_, state = pipeline.follow(AnalysisSettings(estimate=STEADY, model=MODEL), ((decided(pair), pair.maps) for pair in charging))
+    assert np.array_equal(last_field(printed[-1][0]), last_field(pipeline.apply_effect_model(state)))
+    for frame in (10, 11):
+        given, complete = (each[-1][0].model_correction.displacement_by_frame[frame] for each in (printed, modelled))
+        assert np.sqrt(np.mean((given - complete) ** 2)) < 0.02 * np.sqrt(np.mean(complete**2))
 
 
 def test_no_frame_is_reported_again_for_strain_that_only_changed_its_name(modelled: Steps) -> None:

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from blind.experiment import Conditions
 from blind.observing import observed
 from numexp.world import SCAN
+from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
 from semlive.data.diagnosis.two_runs import TwoRunVerdict

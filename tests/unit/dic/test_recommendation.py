@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_recommendation import repeats
+from rasters.scenes import DISTURBANCES, render
 
 from semlive import dic
 from semlive.data.settings import DicSettings
 from semlive.dic.image_quality.row_structure import row_structure
 from semlive.errors import BadInput
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from bench_recommendation import repeats
-from rasters.scenes import DISTURBANCES, render
 
 
 def frame(disturbance, texture="speckle", **changes):

@@ -18,15 +18,8 @@ from semlive_drivers.operator.console import Console
 from semlive_drivers.operator.load_frame import open_load_frame
 from semlive_drivers.operator.trigger import open_trigger
 
+from ...clocks import MonotonicClock
 from ...waiting import wait_until
-
-
-class Clock:
-    def now_ns(self) -> int:
-        return time.monotonic_ns()
-
-    def mono_ns(self) -> int:
-        return time.monotonic_ns()
 
 
 class Terminal:
@@ -65,7 +58,7 @@ def test_an_answer_source_takes_lines_before_a_prompt(terminal: Terminal) -> Non
 
 
 def test_a_hand_brings_a_load_and_types_it(terminal: Terminal) -> None:
-    frame = open_load_frame({"program": "MICROTEST", "arrived_n": 2.0}, Clock(), console=terminal.console)
+    frame = open_load_frame({"program": "MICROTEST", "arrived_n": 2.0}, MonotonicClock(), console=terminal.console)
     assert isinstance(frame, LoadFrame)
     assert frame.identity.stop_on_link_loss is StopOnLinkLoss.ASSUMED
     assert (frame.identity.control, frame.identity.measures_extension) == (ControlMode.MANUAL, False)
@@ -98,7 +91,7 @@ def test_a_file_reports_the_load_and_when_it_is_there(terminal: Terminal, tmp_pa
     path.write_text("Time (s);Force (kN);Extension (mm)\n0,0;0,010;0,00\n", encoding="latin-1")
     file = {"file": str(path), "decimal_comma": True, "encoding": "latin-1", "frozen_after_s": 100.0}
     file |= {"force": {"column": "Force (kN)", "unit": "kN"}, "extension": {"column": 3, "unit": "mm"}}
-    frame = open_load_frame({"load_file": file}, Clock(), console=terminal.console)
+    frame = open_load_frame({"load_file": file}, MonotonicClock(), console=terminal.console)
     assert frame.read().force_n == pytest.approx(10.0)
     frame.ramp_to(50.0, 1.0)
     with path.open("a", encoding="latin-1") as grown:
@@ -117,7 +110,7 @@ def test_a_file_that_does_not_grow_is_no_reading(tmp_path: Path) -> None:
     path = tmp_path / "gage.txt"
     path.write_text("1.5\t-20.0\n", encoding="utf-8")
     cell = {"protocol": "csv", "file": str(path), "force": {"column": 1}, "gage": {"column": 2, "unit": "ustrain"}, "frozen_after_s": 0.6}
-    frame = open_assembled({"cell": cell}, Clock())
+    frame = open_assembled({"cell": cell}, MonotonicClock())
     sample = frame.read()
     assert (sample.force_n, sample.gage_strain) == (1.5, pytest.approx(-20e-6))
     time.sleep(0.65)
@@ -145,7 +138,7 @@ def test_the_newest_of_several_files_is_read(tmp_path: Path) -> None:
         path.write_text(f"t,N\n0,{number}\n", encoding="utf-8")
         os.utime(path, (number, number))
     cell = {"protocol": "csv", "file": str(tmp_path / "log*.csv"), "force": {"column": "N"}}
-    frame = open_assembled({"cell": cell}, Clock())
+    frame = open_assembled({"cell": cell}, MonotonicClock())
     assert frame.read().force_n == 2.0
     (tmp_path / "log3.csv").write_text("N,t\n3,0\n", encoding="utf-8")
     assert frame.read().force_n == 3.0
@@ -163,11 +156,11 @@ def test_the_newest_of_several_files_is_read(tmp_path: Path) -> None:
 )
 def test_what_is_wrong_with_a_file_is_reported(file: dict[str, object], error: type[Exception], sentence: str) -> None:
     with pytest.raises(error, match=sentence):
-        open_assembled({"cell": {"protocol": "csv", **file}}, Clock())
+        open_assembled({"cell": {"protocol": "csv", **file}}, MonotonicClock())
 
 
 def test_a_trigger_asks_the_operator(terminal: Terminal) -> None:
-    trigger = open_trigger({}, Clock(), console=terminal.console)
+    trigger = open_trigger({}, MonotonicClock(), console=terminal.console)
     assert isinstance(trigger, Trigger)
     trigger.scan_once()
     trigger.close()
@@ -187,7 +180,7 @@ def test_a_line_goes_to_the_latest_prompt(terminal: Terminal) -> None:
 def test_a_stop_is_displayed_as_long_as_the_load_of_the_file_changes_after_arrival(terminal: Terminal, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("Force (N)\n0.0\n", encoding="utf-8")
-    frame = open_load_frame({"load_file": {"file": str(path), "force": {"column": "Force"}}}, Clock(), console=terminal.console)
+    frame = open_load_frame({"load_file": {"file": str(path), "force": {"column": "Force"}}}, MonotonicClock(), console=terminal.console)
     frame.ramp_to(50.0, 30.0)
     with path.open("a", encoding="utf-8") as grown:
         for load_n in (48.0, 55.0, 70.0):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
 from semlive.errors import BadConfig, SemliveError
@@ -12,25 +10,19 @@ from semlive_drivers.operator.load_frame import open_load_frame
 from semlive_drivers.operator.rehearsal import RehearsedLoadFrame, RehearsedStage
 from semlive_drivers.operator.stage import open_stage
 
-
-class Clock:
-    def now_ns(self) -> int:
-        return time.monotonic_ns()
-
-    def mono_ns(self) -> int:
-        return time.monotonic_ns()
+from ...clocks import MonotonicClock
 
 
 def test_answers_never_move_a_real_load_frame() -> None:
     with pytest.raises(BadConfig, match="is a real machine, which answers must not move"):
-        RehearsedLoadFrame(open_load_frame({}, Clock()), null.open_load_frame({}, Clock()))
+        RehearsedLoadFrame(open_load_frame({}, MonotonicClock()), null.open_load_frame({}, MonotonicClock()))
 
 
 def test_answers_never_move_a_real_stage() -> None:
     with pytest.raises(BadConfig, match="is a real machine, which answers must not move"):
-        RehearsedStage(open_stage({}, Clock()), null.open_stage({}, Clock()))
+        RehearsedStage(open_stage({}, MonotonicClock()), null.open_stage({}, MonotonicClock()))
 
 
 def test_a_rehearsal_needs_a_device_that_answers() -> None:
     with pytest.raises(SemliveError, match=r"127\.0\.0\.1"):
-        open_stage({"rehearsal": {"host": "127.0.0.1", "port": 9, "unit": 1}}, Clock())
+        open_stage({"rehearsal": {"host": "127.0.0.1", "port": 9, "unit": 1}}, MonotonicClock())

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from numexp.cases import CASES
 from numexp.experiment import Experiment, Taken, make_experiment
 from numexp.lens_distortion import fit_lens_distortion

@@ -11,15 +11,7 @@ from semlive.errors import LinkError
 from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
 from semlive_drivers.load_file_check import check_load_file
 
-
-class Clock:
-    """A clock that does not advance."""
-
-    def now_ns(self) -> int:
-        return 0
-
-    def mono_ns(self) -> int:
-        return 0
+from ...clocks import HandClock
 
 
 def utf8(text: str) -> bytes:
@@ -109,7 +101,9 @@ REFUSED: dict[str, tuple[bytes, str]] = {
 
 def opened(path: Path, data: bytes, force: str = "Force", extension: str = "Ext") -> CsvLoadFile:
     path.write_bytes(data)
-    return CsvLoadFile(CsvSettings.model_validate({"file": path, "force": {"column": force}, "extension": {"column": extension}}), Clock())
+    return CsvLoadFile(
+        CsvSettings.model_validate({"file": path, "force": {"column": force}, "extension": {"column": extension}}), HandClock(0)
+    )
 
 
 @pytest.mark.parametrize("name", READ)
@@ -132,14 +126,16 @@ def test_the_check_before_a_run_predicts_what_the_run_does(name: str, tmp_path: 
     path = tmp_path / "load.csv"
     path.write_bytes(data)
     settings = CsvSettings.model_validate({"file": path, "force": {"column": force}, "extension": {"column": extension}})
-    finding = check_load_file("load_file", settings, Clock())
+    finding = check_load_file("load_file", settings, HandClock(0))
     assert finding.verdict is (Verdict.OK if name in READ else Verdict.FAILED)
     assert ("force 134.2 N, extension 0.5 mm" if name in READ else REFUSED[name][1]) in finding.observation
 
 
 def test_a_file_without_numbers_is_open_before_a_run(tmp_path: Path) -> None:
     (tmp_path / "load.csv").write_text("Time,Force\n", encoding="utf-8")
-    finding = check_load_file("cell", CsvSettings.model_validate({"file": tmp_path / "load.csv", "force": {"column": "Force"}}), Clock())
+    finding = check_load_file(
+        "cell", CsvSettings.model_validate({"file": tmp_path / "load.csv", "force": {"column": "Force"}}), HandClock(0)
+    )
     assert finding.verdict is Verdict.UNKNOWN
     assert "no line of numbers yet" in finding.observation
 

@@ -18,23 +18,17 @@ from semlive.service.log.lock import run_lock
 from semlive.service.log.recording import Recorder
 from semlive.service.log.retention import Retention, delete, select_runs
 
+from ...clocks import HandClock
+
 NOW_S = 2e9
 DAY_S = 86_400.0
-
-
-class Clock:
-    def now_ns(self) -> int:
-        return 1
-
-    def mono_ns(self) -> int:
-        return 1
 
 
 def make_run(root: Path, name: str, age_days: float, state: str = "complete", concluded: bool = True) -> Path:
     """A run in two segments that ended so long ago."""
     folder = root / name
     folder.mkdir(parents=True)
-    recorder = Recorder(segment_path(folder, name, 0), Clock(), pytest.fail, segment_bytes=5_000)
+    recorder = Recorder(segment_path(folder, name, 0), HandClock(1), pytest.fail, segment_bytes=5_000)
     recorder.write("/state", StateMessage(time_ns=1, before="imaging", after=state, cause="done", step=None, guards={}))
     recorder.write("/log", LogLineMessage(time_ns=1, level="info", text="x" * 6_000))
     assert recorder.flush()

@@ -22,7 +22,7 @@ from semlive.estimate.joint.observations.normal_equations import (
     without_normal_matrix,
 )
 from semlive.estimate.joint.observations.observations import observation_rows
-from semlive.estimate.joint.observations.state import EstimatorState, Extent, MapObservations, offload_rows, rows_of
+from semlive.estimate.joint.observations.state import EstimatorState, Extent, MapObservations, init, offload_rows, rows_of
 from semlive.model import DriftSpline, Layout, MotionKind, PairMotions, RasterChange, RasterTerm, UniformSpline
 
 MAX_DRIFT_KNOTS = 250_000
@@ -33,6 +33,8 @@ DENSE_KNOTS = 640
 """Largest number of drift knots of the dense matrix. Pauses contain knots, too: with holds of 20 minutes, 24 pairs have 1,200 knots, and a
 selection took 17 s.
 """
+_END_KNOTS = 4
+"""Knots of a cubic spline beyond those of its length: three at the ends, and one for a last interval that is not complete."""
 TREND_KNOTS = 6
 """Number of last knots from which the drift is extrapolated."""
 RASTER_KNOT_FRAMES = 8.0
@@ -143,6 +145,26 @@ def first_pairs(state: EstimatorState, pairs: int) -> EstimatorState:
             calibrated=_widened(state, None, rows_of(state, retained - loaded)),
         )
     )
+
+
+def with_coarser_drift(state: EstimatorState) -> EstimatorState:
+    """Return the state of the same maps, with the knots of drift and raster so far apart that one dense matrix contains the complete run.
+
+    A pause has knots without data. After 2,000 s, of which a restart took most, six pairs of frames of 9.4 s had 640 knots: their effects
+    were then neither fitted nor identified. With more than `DENSE_PAIRS` pairs, or where the knots are few enough, the state is returned.
+    """
+    count = len(state.phases)
+    if state.drift is None or count > DENSE_PAIRS or dense_limit(state) == count:
+        return state
+    factor = state.drift.spline.size / (DENSE_KNOTS - _END_KNOTS)
+    settings = replace(state.settings, drift_knots_per_frame=state.settings.drift_knots_per_frame / factor)
+    raster = tuple(replace(one, spline=replace(one.spline, spacing=factor * one.spline.spacing, intervals=1)) for one in state.raster)
+    # Without its sums, a state may have a raster before its first pair.
+    coarse = replace(without_normal_matrix(init(settings, state.grid, state.width_px, state.height_px)), raster=raster)
+    for pair, phase in zip((0, *state.motions.pairs), state.phases, strict=True):
+        maps = tuple(rows.dmap for rows in rows_of(state, (pair,)))
+        coarse = update(coarse, pair, phase, (state.frame_time(2 * pair), state.frame_time(2 * pair + 1)), maps)
+    return with_normal_matrix(coarse)
 
 
 def _widened(state: EstimatorState, extent: Extent | None, maps: Sequence[MapObservations]) -> Extent | None:
