@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.projection import CandidateProjection, WhitenedColumns, project_candidate
+from semlive.diagnose.baseline.wide_fields import WideField
 from semlive.diagnose.parallel import WORKERS, parallel_map
 from semlive.model.effects import EffectClass
 
@@ -40,6 +42,11 @@ class ProjectedField:
         values, vectors = np.linalg.eigh(information)
         return cls(np.clip(values, 0.0, None), vectors, np.einsum("rji,rj->ri", vectors, gradient))
 
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+        return self.values.shape[-1]
+
     def log_factor(self, sizes_px: Array) -> Array:
         """(points, sizes) log Bayes factor against no effect, for prior amplitudes of the given sizes, px."""
         return log_factor(self.values[:, None, :], self.gradient[:, None, :], sizes_px[:, None])
@@ -66,7 +73,7 @@ class CandidateEvidence:
 
     family: EffectClass
     values: tuple[dict[str, float], ...]
-    projected_fields: tuple[ProjectedField, ...]
+    projected_fields: tuple[ProjectedField | WideField, ...]
     log_bayes_factors: Array
     null: Array
     refinement_gain: float = 0.0
@@ -170,11 +177,38 @@ def _evidence(baseline: HyperparameterGrid, family: EffectClass, projection: Can
     if projection is None:
         return None
     sizes, base = sizes_of(family), np.array([point.evidence for point in baseline.points]) - baseline.evidence
-    basis_fields = [
-        basis_field for batch in projection.batches for basis_field in _projected_fields(_ProjectedColumns.of(baseline, batch), batch)
-    ]
-    factors = np.stack([basis_field.log_factor(sizes) for basis_field in basis_fields]) + base[None, :, None]
-    return CandidateEvidence(family, projection.values, tuple(basis_fields), factors, np.zeros(0))
+    fields = [field for batch in projection.batches for field in _scored_fields(baseline, batch, sizes)]
+    factors = np.stack([factor for _, factor in fields]) + base[None, :, None]
+    return CandidateEvidence(family, projection.values, tuple(field for field, _ in fields), factors, np.zeros(0))
+
+
+def field_log_factors(baseline: HyperparameterGrid, field: Array, sizes_px: Array) -> Array:
+    """(points, sizes) log Bayes factors of the columns (f, b, 2, q) of a basis field, px, against no effect."""
+    return next(_scored_fields(baseline, WhitenedColumns.of(baseline, (field,)), sizes_px))[1]
+
+
+def _scored_fields(
+    baseline: HyperparameterGrid, white: WhitenedColumns, sizes_px: Array
+) -> Iterator[tuple[ProjectedField | WideField, Array]]:
+    """Projections of each basis field, with (points, sizes) log Bayes factors."""
+    projected = _ProjectedColumns.of(baseline, white)
+    for basis_field, own in enumerate(white.spans):
+        wide = WideField.of(white, basis_field)
+        if wide is not None:
+            each = zip(baseline.points, projected.halves, projected.gradient, strict=True)
+            with suppress(np.linalg.LinAlgError):  # without noise, rounding decides
+                yield (
+                    wide,
+                    np.concatenate(
+                        [
+                            wide.log_factors(half[:, own], point.factor.sides, gradient[None, own], sizes_px)
+                            for point, half, gradient in each
+                        ]
+                    ),
+                )
+                continue
+        found = ProjectedField.of(_residual_information(projected, white, basis_field), projected.gradient[:, own])
+        yield found, found.log_factor(sizes_px)
 
 
 def _null_log_factors(
@@ -190,9 +224,13 @@ def _null_log_factors(
     assert projection is not None  # it was weighed
     null = []
     for batch in projection.batches:
-        samples = draws.gradient(batch, baseline.best.half(batch.products_with(baseline.design)))
+        half = baseline.best.half(batch.products_with(baseline.design))
+        samples = draws.gradient(batch, half)
         for own in batch.spans:
             basis_field = next(basis_fields)
+            if isinstance(basis_field, WideField):
+                null.append(basis_field.log_factors(half[:, own], baseline.best.factor.sides, samples[:, own], sizes))
+                continue
             gains = np.outer(sizes**2, basis_field.values[point])
             fit = (samples[:, own] @ basis_field.vectors[point]) ** 2 @ (sizes[:, None] ** 2 / (1.0 + gains)).T
             null.append(0.5 * (fit - np.log1p(gains).sum(axis=1)))
@@ -222,14 +260,6 @@ class _ProjectedColumns:
                 [white.residual_products - half.T @ point.half_solved_gradient for point, half in zip(baseline.points, halves, strict=True)]
             ),
         )
-
-
-def _projected_fields(projected: _ProjectedColumns, white: WhitenedColumns) -> tuple[ProjectedField, ...]:
-    """Projections of each basis field."""
-    return tuple(
-        ProjectedField.of(_residual_information(projected, white, basis_field), projected.gradient[:, own])
-        for basis_field, own in enumerate(white.spans)
-    )
 
 
 def _residual_information(projected: _ProjectedColumns, white: WhitenedColumns, index: int) -> Array:
@@ -302,5 +332,5 @@ def projected_with_draws(baseline: HyperparameterGrid, field: Array, draws: Null
     """For columns in px at the most likely point: (q,) eigenvalues, ascending, (q,) gradient of the data and (draws, q) of the null."""
     white = WhitenedColumns.of(baseline, (field,))
     projected = _ProjectedColumns.of(replace(baseline, points=(baseline.best,)), white)
-    (projected_field,) = _projected_fields(projected, white)
+    projected_field = ProjectedField.of(_residual_information(projected, white, 0), projected.gradient)
     return projected_field.values[0], projected_field.gradient[0], draws.gradient(white, projected.halves[0]) @ projected_field.vectors[0]

@@ -109,6 +109,18 @@ class DesignMatrix:
         ]
         return tuple(slice(start, start + width) for start, width in zip(starts, widths, strict=True))
 
+    def without_effects(self) -> DesignMatrix:
+        """The design matrix of the baseline alone."""
+        p, r = len(self.parameter_indices), len(self.sizes_px)
+        columns, index = ([value[..., : value.shape[-1] - r] for value in both] for both in (self.columns, self.index))
+        return replace(
+            self,
+            columns=(columns[0], columns[1]),
+            index=(index[0], index[1]),
+            normal_matrix=self.normal_matrix[:p, :p],
+            sizes_px=np.zeros(0),
+        )
+
     def with_effects(self, effect: BaselineEffect) -> DesignMatrix:
         """The design matrix with one more effect."""
         q = effect.columns.shape[-1]

@@ -25,7 +25,7 @@ from semlive.data.notes import Note, NoteCode, warning
 from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, with_free_distortion
 from semlive.diagnose.baseline.bayes_factor import project
-from semlive.diagnose.baseline.design_matrix import BaselineEffect, design
+from semlive.diagnose.baseline.design_matrix import BaselineEffect, DesignMatrix, design
 from semlive.diagnose.baseline.noise_scale import residual_scale, rough_modes
 from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, evaluate_estimate
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
@@ -120,15 +120,20 @@ def adequacy_of(observation: Observation, whiten: Whitener | None = None, effect
         whiten: correlation of the noise; None for the most likely one. Its size is estimated again.
         effects: fields (f, b, 2, q) of further effects, px, with the prior standard deviation of their amplitudes, px.
     """
-    whiten = whiten or _most_likely_whitener(observation)
+    return adequacy_of_design(design(observation, whiten or _most_likely_whitener(observation)), effects)
+
+
+def adequacy_of_design(columns: DesignMatrix, effects: Sequence[AllowedField] = ()) -> Adequacy:
+    """Test the residual of the columns of a baseline without effects; the other arguments are those of `adequacy_of`."""
+    observation = columns.observation
     raster, waves = (_used_raster_changes(observation), RASTER_PX), (fraction_waves(observation.geometry), OWN_BIAS_PX)
     allowed = [field for field in (*effects, raster, waves) if field[0].shape[-1]]
-    baseline = _noise_scaled(observation, whiten, allowed)
+    baseline = _noise_scaled(columns, allowed)
     result = Adequacy(len(observation.steps), _domain_tests(baseline), _edge_px(observation.geometry))
     noise = None if result.most_significant is None else unequal_noise(baseline)
     if noise is None:
         return result
-    return replace(result, where=_domain_tests(_noise_scaled(observation, noise.whiten, allowed)))
+    return replace(result, where=_domain_tests(_noise_scaled(design(observation, noise.whiten), allowed)))
 
 
 def _most_likely_whitener(observation: Observation) -> Whitener:
@@ -137,12 +142,11 @@ def _most_likely_whitener(observation: Observation) -> Whitener:
     return make_whitener(observation.grid, observation.valid_blocks, window[0], float(residual.std()) or 1e-6, window[1])
 
 
-def _noise_scaled(observation: Observation, whiten: Whitener, allowed: Sequence[AllowedField]) -> HyperparameterGrid:
+def _noise_scaled(columns: DesignMatrix, allowed: Sequence[AllowedField]) -> HyperparameterGrid:
     """The baseline with the allowed fields in units of the noise, with one pass for the noise, one drift prior and a free distortion."""
-    columns = design(observation, whiten)
     for field_px, size_px in allowed:
         columns = columns.with_effects(BaselineEffect(columns.whiten(field_px), size_px))
-    return with_free_distortion(columns.rescaled(residual_scale(with_free_distortion(columns), rough_modes(observation))))
+    return with_free_distortion(columns.rescaled(residual_scale(with_free_distortion(columns), rough_modes(columns.observation))))
 
 
 def _used_raster_changes(observation: Observation) -> Array:

@@ -10,7 +10,6 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import NullDraws, projected_with_draws
 from semlive.diagnose.baseline.noise_scale import modes
 from semlive.model.effects import RunGeometry
-from semlive.model.effects.run_geometry import xy_columns
 
 Array = NDArray[np.float64]
 ROWS = 8  # order of the polynomials over rows
@@ -74,7 +73,9 @@ def fraction_waves(scene: RunGeometry) -> Array:
 
 def _both_axes(shapes: Array) -> Array:
     """(f, b, 2, 2 q) shapes (f, b, q) along x and along y."""
-    return np.concatenate([xy_columns(value) for value in np.moveaxis(shapes, -1, 0)], axis=-1)
+    columns = np.zeros((*shapes.shape[:-1], 2, shapes.shape[-1], 2))
+    columns[..., 0, :, 0] = columns[..., 1, :, 1] = shapes
+    return columns.reshape(*columns.shape[:-2], -1)
 
 
 def _component_columns(field: Array) -> Array:

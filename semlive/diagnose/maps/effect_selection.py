@@ -60,7 +60,7 @@ def refine_parameters(baseline_with_effects: HyperparameterGrid, candidates: Seq
 
 
 def _between(baseline_with_effects: HyperparameterGrid, candidate: CandidateEvidence) -> float:
-    if not candidate.family.nonlinear_parameters or len(candidate.projected_fields) > 1 or candidate.log_factor <= CANDIDATE_LOG_FACTOR:
+    if not candidate.family.nonlinear_parameters or len(candidate.values) > 1 or candidate.log_factor <= CANDIDATE_LOG_FACTOR:
         return 0.0
     return max(refined(baseline_with_effects, candidate).log_factor - candidate.log_factor, 0.0)
 

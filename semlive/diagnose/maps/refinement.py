@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import ParameterEstimate
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
-from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, ProjectedField, project, sizes_of
+from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, ProjectedField, field_log_factors, project, sizes_of
 from semlive.diagnose.baseline.design_matrix import BaselineEffect
 from semlive.diagnose.maps.linear_parameters import LinearParameterSums, log_prior_without_grid
 from semlive.diagnose.maps.parameter_search import TOLERANCE_STEPS, optimise_parameters, parameter_spread
@@ -72,29 +72,28 @@ class RefinedEffect:
 
 def refined(baseline: HyperparameterGrid, candidate: CandidateEvidence) -> RefinedEffect:
     """Refine the most likely basis field of a class one parameter at a time; the parameter uncertainty adds to the amplitude covariance."""
-    objective, values = _choose_point(baseline, candidate)
+    objective, values, factors = _choose_point(baseline, candidate)
     family, basis_field = candidate.family, objective.basis_field(values)
     mean, covariance = project(objective.baseline, basis_field.field_px).amplitudes(0, objective.size_px)
     spread = parameter_spread(objective, values, mean)
     follows = spread.amplitude_covariance
     baseline_effect = BaselineEffect(baseline.design.whiten(basis_field.field_px), objective.size_px)
-    factor = _integrated(baseline, candidate, basis_field, values, spread.widths_steps)
+    factor = _integrated(factors - baseline.evidence, candidate, values, spread.widths_steps)
     return RefinedEffect(
         family, basis_field, baseline_effect, tuple(values.items()), spread.sigmas, mean, covariance + follows, follows, factor
     )
 
 
-def _integrated(
-    baseline: HyperparameterGrid, candidate: CandidateEvidence, basis_field: BasisField, values: Values, widths_steps: Sequence[float]
-) -> float:
-    """Log Bayes factor over the parameter range, integrated with the refined peak, which may be narrower than the grid spacing."""
-    sizes = sizes_of(candidate.family)
-    each = (
-        project(baseline, basis_field.field_px).log_factor(sizes)
-        + np.array([[point.evidence] for point in baseline.points])
-        - baseline.evidence
-    )
-    factor = float(np.logaddexp.reduce(each, axis=None)) - math.log(len(sizes) * len(candidate.projected_fields))
+def _integrated(factors: Array, candidate: CandidateEvidence, values: Values, widths_steps: Sequence[float]) -> float:
+    """Log Bayes factor over the parameter range, integrated with the refined peak, which may be narrower than the grid spacing.
+
+    Args:
+        factors: (points, sizes) log Bayes factors at the peak, weighted by the likelihood of each point within the grid.
+        candidate: the class.
+        values: the peak.
+        widths_steps: its standard deviations along independent directions, in steps of the grid.
+    """
+    factor = float(np.logaddexp.reduce(factors, axis=None)) - math.log(factors.shape[1] * len(candidate.values))
     factor += sum(min(math.log(max(math.sqrt(2.0 * math.pi) * width, TOLERANCE_STEPS)), 0.0) for width in widths_steps)
     without_grid = [theta for theta in candidate.family.nonlinear_parameters if theta.name not in candidate.values[0]]
     factor += log_prior_without_grid(np.array([values[theta.name] / theta.step for theta in without_grid]))
@@ -148,8 +147,8 @@ class _PointObjective:
         return None if basis_field is None else project(self.baseline, basis_field.field_px)
 
 
-def _choose_point(baseline: HyperparameterGrid, candidate: CandidateEvidence) -> tuple[_PointObjective, dict[str, float]]:
-    """Parameters between the grid values, and the most likely smoothness and size with them.
+def _choose_point(baseline: HyperparameterGrid, candidate: CandidateEvidence) -> tuple[_PointObjective, dict[str, float], Array]:
+    """Parameters between the grid values, the most likely smoothness and size with them, and (points, sizes) log likelihoods there.
 
     On the grid a large jump is displaced from its true time, which only the roughest drift permits. With that drift retained, a hidden jump
     of (0.30, 0.40) px was estimated as (0.31, 0.26) px.
@@ -158,15 +157,16 @@ def _choose_point(baseline: HyperparameterGrid, candidate: CandidateEvidence) ->
     values = {nonlinear_parameter.name: 0.0 for nonlinear_parameter in candidate.family.nonlinear_parameters} | candidate.values[
         field_index
     ]
+    factors = np.zeros((0, 0))
     for _ in range(MAX_POINT_CHOICES):
         objective = _PointObjective.of(baseline, candidate, sums, (at[0], at[1]))
         values, before = optimise_parameters(objective, values), at
-        each = project(baseline, objective.basis_field(values).field_px).log_factor(sizes_of(candidate.family))
+        each = field_log_factors(baseline, objective.basis_field(values).field_px, sizes_of(candidate.family))
         factors = each + np.array([[point.evidence] for point in baseline.points])
         at = [int(value) for value in np.unravel_index(int(np.argmax(factors)), factors.shape)]
         if at == before:
             break
-    return _PointObjective.of(baseline, candidate, sums, (at[0], at[1])), values
+    return _PointObjective.of(baseline, candidate, sums, (at[0], at[1])), values, factors
 
 
 def reported_parameters(basis_field: BasisField, mean: Array, covariance: Array) -> tuple[ParameterEstimate, ...]:

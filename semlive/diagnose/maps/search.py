@@ -105,7 +105,7 @@ def is_full(effects: Sequence[SelectedEffect]) -> bool:
 
 def _round_work(state: Search, candidates: Sequence[CandidateEvidence]) -> float:
     """Multiplications of the next round, about: every column of every candidate is solved at every point, again for each effect so far."""
-    columns = sum(field.values.shape[-1] for candidate in candidates for field in candidate.projected_fields)
+    columns = sum(field.columns for candidate in candidates for field in candidate.projected_fields)
     grid = state.baseline_with_effects
     return float(len(grid.points) * grid.design.size**2 * columns) * (1.0 + len(state.effects))
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, point_like
-from semlive.diagnose.baseline.bayes_factor import log_factor, project
+from semlive.diagnose.baseline.bayes_factor import information, log_factor
 from semlive.diagnose.baseline.design_matrix import BaselineEffect, DesignMatrix
 from semlive.diagnose.maps.refinement import RefinedEffect
 from semlive.model.effects import RunGeometry
@@ -80,9 +80,7 @@ def _of_frames(base: HyperparameterGrid, shape: Array) -> tuple[Array, Array]:
     field = np.zeros((f, *shape.shape, 3, f))
     for place, value in enumerate((shape, (1.0, 0.0), (0.0, 1.0))):
         field[np.arange(f), :, :, place, np.arange(f)] = value
-    projected_field = project(base, field.reshape(*field.shape[:3], 3 * f))
-    normal = (projected_field.vectors[0] * projected_field.values[0]) @ projected_field.vectors[0].T
-    gradient = projected_field.vectors[0] @ projected_field.gradient[0]
+    (normal,), (gradient,) = information(base, field.reshape(*field.shape[:3], 3 * f))
     projected = np.linalg.solve(normal[f:, f:] + np.eye(2 * f) / FRAME_SHIFT_PX**2, np.column_stack((normal[f:, :f], gradient[f:])))
     return normal[:f, :f] - normal[:f, f:] @ projected[:, :f], gradient[:f] - normal[:f, f:] @ projected[:, f]
 

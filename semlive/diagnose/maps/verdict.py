@@ -15,7 +15,7 @@ from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws,
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
-from semlive.diagnose.maps.adequacy import adequacy_of, negligible_px
+from semlive.diagnose.maps.adequacy import adequacy_of_design, negligible_px
 from semlive.diagnose.maps.cross_validation import held_out_misfit
 from semlive.diagnose.maps.domain_tests import run_domain_tests
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR, SelectedEffect
@@ -201,7 +201,7 @@ def _adequacy(result: SearchResult, model_effects: Sequence[ModelEffect]) -> Ade
     columns = result.search.baseline.design
     sizes_px = [*(effect.size_px for effect in model_effects), *(effect.refined.baseline_effect.size_px for effect in result.effects)]
     try:
-        return adequacy_of(columns.observation, columns.whiten, tuple(zip(result.fields, sizes_px, strict=True))).test
+        return adequacy_of_design(columns.without_effects(), tuple(zip(result.fields, sizes_px, strict=True))).test
     except np.linalg.LinAlgError:
         return None
 

@@ -128,8 +128,9 @@ def field_column(u: Array, v: Array) -> Array:
 
 def xy_columns(shape: Array) -> Array:
     """(f, b, 2, 2) a shape along x, and along y."""
-    nothing = np.zeros_like(shape)
-    return np.concatenate((field_column(shape, nothing), field_column(nothing, shape)), axis=-1)
+    columns = np.zeros((*shape.shape, 2, 2))
+    columns[..., 0, 0] = columns[..., 1, 1] = shape
+    return columns
 
 
 def times_time_columns(shape: Array, columns: Array) -> Array:
