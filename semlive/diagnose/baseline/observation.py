@@ -16,7 +16,7 @@ from semlive.data.pair import PairDecision
 from semlive.data.strain import MeasuredValue
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.elimination import eliminate_all
-from semlive.estimate.joint.observations.accumulation import dense_limit, with_coarser_drift
+from semlive.estimate.joint.observations.accumulation import DENSE_PAIRS, dense_limit, with_coarser_drift
 from semlive.estimate.joint.observations.design_columns import predicted
 from semlive.estimate.joint.observations.normal_equations import relinearise
 from semlive.estimate.joint.observations.priors import Smoothness
@@ -108,12 +108,13 @@ def baseline_solution(state: EstimatorState) -> tuple[Solution, Solution | None]
     The knots of the drift are further apart where pauses have more of them than one matrix may have.
 
     Raises:
-        IllPosed: there are too many pairs for one matrix.
+        IllPosed: there are too many pairs, or they are too far apart in time, for one matrix.
     """
     state = with_coarser_drift(state)
     max_pairs = dense_limit(state)
     if max_pairs < len(state.phases):
-        raise IllPosed(f"{len(state.phases)} pairs are more than the {max_pairs} of one matrix: diagnose a shorter run")
+        reason = "are too many" if len(state.phases) > DENSE_PAIRS else "are too far apart in time"
+        raise IllPosed(f"{len(state.phases)} pairs {reason} for one matrix, which contains the first {max_pairs}: diagnose a shorter run")
     selected, alternative = solve_both_couplings(state)
     return _with_smoothest_drift(selected), None if alternative is None else _with_smoothest_drift(alternative)
 

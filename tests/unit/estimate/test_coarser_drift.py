@@ -24,7 +24,7 @@ def run(pause_s: float) -> EstimatorState:
 
 
 def test_a_pause_does_not_exceed_one_matrix() -> None:
-    paused = run(40 * 3600.0)
+    paused = run(8 * 3600.0)
     assert dense_limit(paused) == 2
     coarse = with_coarser_drift(paused)
     assert dense_limit(coarse) == 4
@@ -37,6 +37,11 @@ def test_a_pause_does_not_exceed_one_matrix() -> None:
         assert np.array_equal(one.disparity_px, other.disparity_px)
         assert np.array_equal(one.weight, other.weight)
     assert len(coarse.information) == coarse.layout.size
+
+
+def test_a_pause_beyond_the_limit_changes_no_knot() -> None:
+    paused = run(40 * 3600.0)
+    assert with_coarser_drift(paused) is paused
 
 
 def test_a_run_that_one_matrix_contains_is_the_same() -> None:

@@ -35,6 +35,10 @@ selection took 17 s.
 """
 _END_KNOTS = 4
 """Knots of a cubic spline beyond those of its length: three at the ends, and one for a last interval that is not complete."""
+MAX_COARSENING = 8.0
+"""Largest factor by which knots are placed further apart. With factors of 4 and 8 a run without effects stayed without; knots further apart
+than the pairs cannot follow the drift between them, and what they leave would be identified as an effect.
+"""
 TREND_KNOTS = 6
 """Number of last knots from which the drift is extrapolated."""
 RASTER_KNOT_FRAMES = 8.0
@@ -151,12 +155,15 @@ def with_coarser_drift(state: EstimatorState) -> EstimatorState:
     """Return the state of the same maps, with the knots of drift and raster so far apart that one dense matrix contains the complete run.
 
     A pause has knots without data. After 2,000 s, of which a restart took most, six pairs of frames of 9.4 s had 640 knots: their effects
-    were then neither fitted nor identified. With more than `DENSE_PAIRS` pairs, or where the knots are few enough, the state is returned.
+    were then neither fitted nor identified. The state is returned where the knots are few enough or would be
+    more than `MAX_COARSENING` times as far apart, and with more than `DENSE_PAIRS` pairs.
     """
     count = len(state.phases)
     if state.drift is None or count > DENSE_PAIRS or dense_limit(state) == count:
         return state
     factor = state.drift.spline.size / (DENSE_KNOTS - _END_KNOTS)
+    if factor > MAX_COARSENING:
+        return state
     settings = replace(state.settings, drift_knots_per_frame=state.settings.drift_knots_per_frame / factor)
     raster = tuple(replace(one, spline=replace(one.spline, spacing=factor * one.spline.spacing, intervals=1)) for one in state.raster)
     # Without its sums, a state may have a raster before its first pair.
