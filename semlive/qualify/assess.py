@@ -111,7 +111,9 @@ def _noise(evidence: Evidence) -> Iterator[Result]:
             note = "of a displacement between the two frames of a pair, the noisier axis"
             yield Figure(f"noise_{size}", f"noise with a subset of {size} px", *scatter.worst(), "px", note=note)
     if not found:
-        yield Undetermined("noise", "the frames are too small for a scatter of subsets", "take frames of at least 256 x 256 px")
+        yield Undetermined(
+            "noise", "the frames are too small for a scatter of subsets", "take frames of at least 256 x 256 px", by_pairs=False
+        )
 
 
 def _settling(settling: RowStart | None, calibrated: bool) -> list[Result]:
@@ -119,7 +121,7 @@ def _settling(settling: RowStart | None, calibrated: bool) -> list[Result]:
         reason = "the distortion is not determined, and settling is part of it"
         return [Undetermined("row_start_settling", reason, "take pairs at shifted positions")]
     if settling is None:
-        return [Undetermined("row_start_settling", "no settling at the row start is significant", "none is needed")]
+        return [Undetermined("row_start_settling", "no settling at the row start is significant", "none is needed", by_pairs=False)]
     remedy = "repeat with another dwell time and another magnification, then run `semlive experiment row-start`"
     reason = f"settling at the row start is significant, about {settling.length_px:.0f} px long, but one dwell does not determine its law"
     return [Undetermined("row_start_law", reason, remedy)]

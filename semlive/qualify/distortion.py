@@ -133,7 +133,9 @@ def distortion_results(
         reason = "the frames are not shifted along both axes" if quality is None or not quality.refused else quality.refused
         return [Undetermined("distortion", reason, remedy)], None
     if min(np.ptp(axis) for axis in sample_points(field, 0.0)) < 2.0 * gauge_px + 4.0 * HALF_SHIFT_PX:
-        return [Undetermined("distortion", "the calibrated part of the frame is smaller than two gauges", "use a larger frame")], None
+        return [
+            Undetermined("distortion", "the calibrated part of the frame is smaller than two gauges", "use a larger frame", by_pairs=False)
+        ], None
     draws = draw_distortion(solution, field, gauge_px)
     note = f"largest over the calibrated part of the frame, gauge of {gauge_px:.0f} px"
     return [

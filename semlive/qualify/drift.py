@@ -222,7 +222,7 @@ def decay_results(rates: DriftRates) -> list[Result]:
         change = rates.rate_px_s[-1] - rates.rate_px_s[0]
         reason = f"the rate does not decay significantly within the frames (change {float(np.hypot(*change)):.2g} px/s)"
         remedy = "none is needed if the microscope was warm; else begin soon after the specimen was inserted"
-        return [Undetermined("drift_decay", reason, remedy)]
+        return [Undetermined("drift_decay", reason, remedy, by_pairs=False)]
     final = np.linalg.norm(decay.final_px_s, axis=1)
     note = f"after the first pair, until the decaying part moves the image by less than {DECAYED_PX:g} px during a frame"
     return [

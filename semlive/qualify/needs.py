@@ -16,7 +16,6 @@ NEGLIGIBLE = 0.5
 """Share of the strain noise at the reference gauge below which a false strain is known well enough, however wide its interval is."""
 NECESSARY = ("noise", "drift_rate", "drift_decay", "distortion", "stage", "stage_backlash_x", "stage_backlash_y")
 """Quantities without which a qualification continues to its last pair."""
-NONE_NEEDED = "none is needed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +50,7 @@ def remaining_pairs(found: tuple[Need, ...], planned: int) -> int:
 
 def _missing(qualification: Qualification) -> Iterator[Need]:
     for item in qualification.undetermined:
-        if item.name in NECESSARY and not item.remedy.startswith(NONE_NEEDED):
+        if item.name in NECESSARY and item.by_pairs:
             yield Need(item.name, item.reason, None)
 
 

@@ -49,7 +49,11 @@ def row_results(rows: RowDiagnosis | None, reason: str) -> list[Result]:
         return [Undetermined("rows", reason, ROWS_REMEDY)]
     if rows.outcome is Outcome.NONE:
         p_value = min((test.p_value for test in rows.where), default=1.0)
-        return [Undetermined("row_waves", f"no hum, vibration or row jitter is significant (p = {p_value:.2g})", "none is needed")]
+        return [
+            Undetermined(
+                "row_waves", f"no hum, vibration or row jitter is significant (p = {p_value:.2g})", "none is needed", by_pairs=False
+            )
+        ]
     return [figure for effect in rows.effects for figure in effect_figures(effect)]
 
 

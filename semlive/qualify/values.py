@@ -50,11 +50,13 @@ class Undetermined:
         name: canonical name.
         reason: why it is not determined, a clause.
         remedy: which frames determine it, an imperative.
+        by_pairs: whether further pairs of the plan can determine it.
     """
 
     name: str
     reason: str
     remedy: str
+    by_pairs: bool = True
 
 
 Result = Figure | Undetermined

@@ -143,7 +143,10 @@ def test_a_figure_needs_pairs_until_its_interval_is_narrow_or_it_is_negligible()
     noise = Figure("noise_31", "noise", 0.02, 0.014, 0.026, "px")  # known to 30 %, by nine pairs
     strain = Figure("false_strain_per_px", "false strain", 1e-5, 0.0, 4e-5, "1/px")
     resolution = (GaugeResolution(83, 100.0, 6e-4, 5e-4, 7e-4, 0.0, 0.0),)
-    missing = (Undetermined("drift_decay", "no decay", "none is needed"), Undetermined("row_start_law", "one dwell", "take another"))
+    missing = (
+        Undetermined("drift_decay", "no decay", "none is needed", by_pairs=False),
+        Undetermined("row_start_law", "one dwell", "take another"),
+    )
     found = replace(_result(DRIFT), figures=(noise, strain), undetermined=missing, resolution=resolution)
     (need,) = needs(found)
     assert (need.name, need.pairs, remaining_pairs((need,), 100), remaining_pairs((need,), 4)) == ("noise_31", 27, 27, 4)
