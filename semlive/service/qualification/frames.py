@@ -35,7 +35,6 @@ class FolderFrame:
         sized: whether its pixel size is given.
         start_ns: start of its scan, UTC ns; from the origin of the table if no file has a time, and without both a running number.
         file_ns: start of its scan by the file, UTC ns; None without a time in the file.
-        file_ns: time in the file, UTC ns; None without one.
         profile: values with which it is read.
     """
 
