@@ -18,35 +18,45 @@ class Clock:
     """Experiment time as a straight line over the machine-wide monotonic clock.
 
     At an instrument the rate is 1 and experiment time is UTC; in a simulation the rate may be larger.
-    A simulator that falls behind publishes a new line with a later ``mono0_ns`` ("stretched"); `revision` counts them.
+    A simulator that falls behind publishes a new line that is set back ("stretched"); `revision` counts them. Time itself never goes
+    back: it stands still in every process, for the simulated devices and for the stamps of their readings, until the new line reaches it.
 
     Attributes:
         utc0_ns: experiment time at `mono0_ns`, UTC ns since 1970.
         mono0_ns: reading of ``time.monotonic_ns()`` at that instant.
         rate: seconds of experiment time per second of wall time, > 0.
         revision: 0 for the first clock of a run, one more for each stretch.
+        not_before_ns: experiment time at the last stretch, UTC ns, at which time stands still until the line reaches it; 0 if none.
     """
 
     utc0_ns: int
     mono0_ns: int
     rate: float = 1.0
     revision: int = 0
+    not_before_ns: int = 0
 
     def __post_init__(self) -> None:
         if not self.rate > 0:
             raise ValueError(f"clock rate must be > 0, not {self.rate}")
 
     def time_ns(self, mono_ns: int) -> int:
-        """Experiment time (UTC ns) at a reading of the monotonic clock."""
+        """The line: experiment time (UTC ns) at a reading of the monotonic clock, without the standstill after a stretch."""
         return self.utc0_ns + round((mono_ns - self.mono0_ns) * self.rate)
+
+    def now_ns(self, mono_ns: int) -> int:
+        """Experiment time (UTC ns) at a reading of the monotonic clock; constant after a stretch until the line has caught up."""
+        return max(self.not_before_ns, self.time_ns(mono_ns))
 
     def mono_ns(self, time_ns: int) -> int:
         """Reading of the monotonic clock at an experiment time (UTC ns)."""
         return self.mono0_ns + round((time_ns - self.utc0_ns) / self.rate)
 
-    def stretched(self, by_ns: int) -> Clock:
-        """The clock set back by `by_ns` of experiment time: an event planned for t occurs later by that amount."""
-        return Clock(self.utc0_ns - by_ns, self.mono0_ns, self.rate, self.revision + 1)
+    def stretched(self, by_ns: int, mono_ns: int) -> Clock:
+        """The clock set back by `by_ns` of experiment time at a reading of the monotonic clock.
+
+        An event planned for t occurs later by that amount. Until then time stands still at the present instant.
+        """
+        return Clock(self.utc0_ns - by_ns, self.mono0_ns, self.rate, self.revision + 1, self.now_ns(mono_ns))
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,7 +52,7 @@ class BenchClock:
             return self._now()
 
     def _now(self) -> int:
-        clock_ns = self._clock.time_ns(time.monotonic_ns()) if self._running else self.start_ns
+        clock_ns = self._clock.now_ns(time.monotonic_ns()) if self._running else self.start_ns
         self._latest_ns = max(self._latest_ns, clock_ns)
         return self._latest_ns
 
@@ -81,11 +81,12 @@ class BenchClock:
         """Report announced work as done; stretches the clock if the work is too late."""
         with self._lock:
             due_ns = self._due.pop(work)
-            late_ns = self._clock.time_ns(time.monotonic_ns()) - due_ns
+            mono_ns = time.monotonic_ns()
+            late_ns = self._clock.time_ns(mono_ns) - due_ns
             self._worst_lag_s = max(self._worst_lag_s, late_ns * 1e-9)
             if late_ns <= STRETCH_AFTER_S * 1e9:
                 return
-            self._clock = self._clock.stretched(late_ns)
+            self._clock = self._clock.stretched(late_ns, mono_ns)
             clock = self._clock
             self._publish(clock)
         sys.stderr.write(f"bench: {work} was {late_ns * 1e-9:.2f} s late; clock stretched by that (stretch {clock.revision})\n")

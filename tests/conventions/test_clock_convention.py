@@ -47,12 +47,21 @@ def test_time_never_runs_backwards_along_one_line(rate: float, span_ns: int, mor
 @given(rates, half_days_ns, st.integers(SECOND_NS, 600 * SECOND_NS))
 def test_stretching_moves_every_deadline_later(rate: float, span_ns: int, by_ns: int) -> None:
     clock = Clock(UTC0_NS, MONO0_NS, rate, revision=3)
-    later = clock.stretched(by_ns)
+    later = clock.stretched(by_ns, MONO0_NS)
     assert later.time_ns(MONO0_NS + span_ns) == clock.time_ns(MONO0_NS + span_ns) - by_ns
     deadline_ns = UTC0_NS + span_ns
     assert later.mono_ns(deadline_ns) > clock.mono_ns(deadline_ns)
     assert later.mono_ns(deadline_ns) - clock.mono_ns(deadline_ns) == pytest.approx(by_ns / rate, abs=2)
     assert (later.rate, later.revision) == (clock.rate, 4)
+
+
+@given(rates, half_days_ns, st.integers(SECOND_NS, 600 * SECOND_NS), st.integers(0, 600 * SECOND_NS))
+def test_time_stands_still_after_a_stretch_and_never_goes_back(rate: float, span_ns: int, by_ns: int, more_ns: int) -> None:
+    mono_ns = MONO0_NS + span_ns
+    clock = Clock(UTC0_NS, MONO0_NS, rate)
+    later = clock.stretched(by_ns, mono_ns)
+    assert later.now_ns(mono_ns) == clock.now_ns(mono_ns)
+    assert later.now_ns(mono_ns + more_ns) == max(clock.now_ns(mono_ns), later.time_ns(mono_ns + more_ns))
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan])

@@ -7,12 +7,19 @@ import json
 from semlive.data.clock import Clock
 from semlive.errors import BadInput
 
-_FIELDS = {"utc0_ns": int, "mono0_ns": int, "rate": (int, float), "revision": int}
+_FIELDS = {"utc0_ns": int, "mono0_ns": int, "rate": (int, float), "revision": int, "not_before_ns": int}
 
 
 def encode_clock(clock: Clock) -> bytes:
     """Return a clock as one JSON object; write it under another name and rename it, so that no process reads a part of it."""
-    fields = {"version": 1, "utc0_ns": clock.utc0_ns, "mono0_ns": clock.mono0_ns, "rate": clock.rate, "revision": clock.revision}
+    fields = {
+        "version": 1,
+        "utc0_ns": clock.utc0_ns,
+        "mono0_ns": clock.mono0_ns,
+        "rate": clock.rate,
+        "revision": clock.revision,
+        "not_before_ns": clock.not_before_ns,
+    }
     return (json.dumps(fields) + "\n").encode()
 
 
@@ -28,11 +35,12 @@ def decode_clock(data: bytes) -> Clock:
         raise BadInput("the clock file is not JSON; let the simulator write it again") from error
     if not isinstance(fields, dict) or fields.get("version") != 1:
         raise BadInput("the clock file is not of version 1; simulator and semlive must be of one release")
+    fields.setdefault("not_before_ns", 0)  # files of earlier releases do not have it
     for name, kind in _FIELDS.items():
         value = fields.get(name)
         if isinstance(value, bool) or not isinstance(value, kind):
             raise BadInput(f"the clock file has no usable {name} ({value!r}); let the simulator write it again")
     try:
-        return Clock(fields["utc0_ns"], fields["mono0_ns"], float(fields["rate"]), fields["revision"])
+        return Clock(fields["utc0_ns"], fields["mono0_ns"], float(fields["rate"]), fields["revision"], fields["not_before_ns"])
     except ValueError as error:
         raise BadInput(f"the clock file is wrong: {error}; let the simulator write it again") from error

@@ -38,7 +38,7 @@ class SystemClock:
 class SimulatedClock:
     """Experiment time from a clock file that is replaced when the simulation stretches its clock.
 
-    A stretch sets the clock back; `now_ns` is then constant until the clock has caught up, so it never decreases.
+    After a stretch `now_ns` is constant, at the instant at which the simulated devices stand still, until the clock has caught up.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,7 +78,7 @@ class SimulatedClock:
     def now_ns(self) -> int:
         """Experiment time, UTC ns; never goes back."""
         with self._lock:
-            self._latest_ns = max(self._latest_ns, self._read().time_ns(time.monotonic_ns()))
+            self._latest_ns = max(self._latest_ns, self._read().now_ns(time.monotonic_ns()))
             return self._latest_ns
 
 
