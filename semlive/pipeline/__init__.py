@@ -18,7 +18,7 @@ from semlive.data.settings import AnalysisSettings
 from semlive.estimate.joint.elimination.smoother import LIVE_WINDOW_PAIRS
 from semlive.estimate.joint.solution.solver import selection_due
 from semlive.pipeline.accumulation import accumulate, apply_effect_model, solve, solve_incremental, solve_live, start, start_from_maps
-from semlive.pipeline.conclusion import calibration_refusal, estimate_revision, finalise, residual_warning, term_rival
+from semlive.pipeline.conclusion import calibration_refusal, estimate_revision, finalise, residual_notes, term_rival
 from semlive.pipeline.correction import correct_changed, correct_frame, correct_frames
 from semlive.pipeline.correlation import complete_maps, correlate, correlation_notes, frame_mask, maps_from_reference, precorrelate
 from semlive.pipeline.elastic import refit_elastic
@@ -32,7 +32,7 @@ __all__ += [
     "frame_mask",
     "maps_from_reference",
     "precorrelate",
-    "residual_warning",
+    "residual_notes",
     "review_hyperparameters",
     "solve",
 ]

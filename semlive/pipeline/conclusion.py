@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, replace
 
 import numpy as np
 
@@ -47,10 +47,22 @@ def estimate_revision(
     return replace(estimate, notes=(*estimate.notes, *path, *checks, *state.model_correction.notes))
 
 
-def residual_warning(state: AnalysisState) -> tuple[Note, ...]:
-    """A warning if the residuals of the newest solution of the joint method are not white."""
+def residual_notes(state: AnalysisState, summaries: Sequence[StrainSummary] = ()) -> tuple[Note, ...]:
+    """A note if the residuals of the newest solution of the joint method are not white; a warning if it exceeds the stated uncertainty.
+
+    Args:
+        state: of the run.
+        summaries: mean strains of the frames; by default the newest reported ones.
+    """
     test = adequacy_after(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
-    return () if test is None else test.notes()
+    if test is None:
+        return ()
+    known = summaries or [frame.summary for frame in state.reported.values()]
+    if not known:
+        return test.notes()
+    means = np.array([astuple(summary.mean) for summary in known])
+    sigmas = np.array([astuple(summary.mean_sigma) for summary in known])
+    return test.notes(float(np.median(sigmas.max(axis=1))), float(np.ptp(means, axis=0).max()))
 
 
 def term_rival(state: AnalysisState) -> TermRival | None:
@@ -84,7 +96,7 @@ def finalise(
     (elastic, gage), reason = fit_elastic_with_reason(state, solution, {summary.frame: summary for summary in summaries})
     missing = (warning(NoteCode.ELASTIC_CONSTANTS, f"no elastic constants: {reason}"),) if reason else ()
     solved = replace(state, solution=solution)
-    tests = (*residual_warning(solved), *rival_notes(term_rival(solved)))
+    tests = (*residual_notes(solved, summaries), *rival_notes(term_rival(solved)))
     notes = (*newest.notes, *tests, *mechanics.gage_notes(gage), *missing)
     messages = tuple(note.message for note in notes)
     return RunResult(tuple(state.pairs), newest, tuple(frames), elastic, messages, gage, tuple(summaries))

@@ -21,7 +21,7 @@ from scipy.special import chdtrc
 
 from semlive.data.diagnosis.effects import DomainTest
 from semlive.data.diagnosis.verdict import AdequacyTest
-from semlive.data.notes import Note, NoteCode, warning
+from semlive.data.notes import Note, NoteCode, information, warning
 from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, with_free_distortion
 from semlive.diagnose.baseline.bayes_factor import project
@@ -42,6 +42,8 @@ FALSE_ALARM_RATE = 0.01
 """Fraction of runs without a hidden effect, of any length, in which at least one test is significant; the tests share it."""
 OWN_BIAS_PX = 1e-3  # cubic spline on rendered and on independent images: 0.0008 to 0.0009 px; quintic a third of it
 HARMLESS_STRAIN = 2e-6  # a thirtieth of the strain noise in Sutton et al. (2007), 6e-5
+_MIN_RANGE_SIGMAS = 10.0
+"""Smallest range of strain, in standard uncertainties, for which a change of Young's modulus is stated."""
 RASTER_PX = 1.0  # prior standard deviation of a used raster term at a knot: much more than any drift of the raster
 
 
@@ -77,18 +79,30 @@ class Adequacy:
         least = min(self.where, key=lambda candidate: (candidate.p_value, -candidate.rms_px))  # p-values end at 0
         return AdequacyTest(least.domain, least.p_value, least.rms_px, self.significance_level)
 
-    def notes(self) -> tuple[Note, ...]:
-        """Warning for the operator; empty if no domain is significant."""
+    def notes(self, mean_strain_sigma: float | None = None, strain_range: float = 0.0) -> tuple[Note, ...]:
+        """Note for the operator; empty if no domain is significant.
+
+        It is a warning, unless the residual displaces points less than a strain of the stated uncertainty does.
+
+        Args:
+            mean_strain_sigma: stated standard uncertainty of the mean strain of a frame; None if unknown.
+            strain_range: range of the mean strains over the load steps.
+        """
         test = self.most_significant
         if test is None:
             return ()
+        strain = _strain_of(test.rms_px, self.field_px)
         chance = f"p = {test.p_value:.1g}" if test.p_value >= 1e-99 else "p < 1e-99"
         text = (
             f"the residual of the maps after {self.pairs} pairs is not white, test over {_DOMAIN_TEXT[test.domain]}: {chance}, "
-            f"{test.rms_px:.4f} px rms, as much as by a strain of {_strain_of(test.rms_px, self.field_px):.0e} over the field; "
-            "an effect is missing in the model"
+            f"{test.rms_px:.4f} px rms, as much as by a strain of {strain:.0e} over the field; an effect is missing in the model"
         )
-        return (warning(NoteCode.RESIDUAL, text),)
+        if mean_strain_sigma is None or not strain <= mean_strain_sigma:
+            return (warning(NoteCode.RESIDUAL, text),)
+        text += f"; on average over the frames it is within the stated uncertainty of mean strain ({mean_strain_sigma:.0e})"
+        if strain_range > _MIN_RANGE_SIGMAS * mean_strain_sigma:
+            text += f" and changes Young's modulus by at most {100.0 * strain / strain_range:.1g} %"
+        return (information(NoteCode.RESIDUAL, text),)
 
 
 _DOMAIN_TEXT = {

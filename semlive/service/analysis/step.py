@@ -173,7 +173,7 @@ def _review(state: WorkerState, analysis: pipeline.AnalysisState, pair: Pair) ->
         return state, (model_warning(f"the choices stay as they were: {error}", pair.decision.pair, end_ns),)
     wall_s = time.perf_counter() - started_s
     state, outputs = (state, ()) if result is None else _outputs(replace(state, analysis=reviewed), pair, result, wall_s)
-    state, warnings = _model_warnings(state, pair, pipeline.residual_warning(reviewed))
+    state, warnings = _model_warnings(state, pair, pipeline.residual_notes(reviewed))
     return state, chain(outputs, warnings)
 
 

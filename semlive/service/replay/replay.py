@@ -214,7 +214,7 @@ def _missing_effect_advice(log: Path, done: ReplayResult) -> str:
     used = [term.name for term in done.result.estimate.terms if term.included and term.name in RASTER_TERMS]
     rival = pipeline.term_rival(solved) if used else None
     causes = [f"the estimate uses {name}, which another effect may imitate" for name in used] if rival is None else [rival.text]
-    if pipeline.residual_warning(solved):
+    if pipeline.residual_notes(solved):
         causes.append("the residual of the maps is more than noise")
     if not causes:
         return ""

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from semlive import pipeline
 from semlive.data.diagnosis.effects import DomainTest
 from semlive.data.grid import Grid
+from semlive.data.notes import NoteLevel
 from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.diagnose.maps.adequacy import FALSE_ALARM_RATE, Adequacy, adequacy_after
 from semlive.service.analysis.results import new_warnings
@@ -66,6 +67,18 @@ def test_a_hidden_effect_is_found_in_its_domain(name: str, domain: str, by: int)
     assert new_warnings(later, warned)[0] == ()
 
 
+def test_a_residual_within_the_uncertainty_of_strain_is_no_warning_and_states_its_share_of_the_modulus() -> None:
+    found = Adequacy(9, (DomainTest("space", 1e-30, 0.0009),), 780.0)  # as much as a strain of 4.0e-6
+    (above,) = found.notes(3.9e-6, 3e-3)
+    (unknown,) = found.notes(float("nan"))
+    assert above.level is unknown.level is NoteLevel.WARNING
+    (within,) = found.notes(4.6e-6, 3e-3)
+    assert within.level is NoteLevel.INFORMATION
+    assert within.text.endswith("within the stated uncertainty of mean strain (5e-06) and changes Young's modulus by at most 0.1 %")
+    (unloaded,) = found.notes(4.6e-6, 2e-5)
+    assert unloaded.text.endswith("within the stated uncertainty of mean strain (5e-06)")
+
+
 def test_all_looks_together_spend_what_is_allowed() -> None:
     spent = [Adequacy(pairs, (), 1000.0).significance_level for pairs in range(5, 10_000)]
     assert 0.999 * FALSE_ALARM_RATE < sum(spent) < FALSE_ALARM_RATE
@@ -74,7 +87,7 @@ def test_all_looks_together_spend_what_is_allowed() -> None:
 def test_the_published_method_has_no_such_look() -> None:
     pairs = hidden(Conditions(31, calibration=5, tension=0), (), GRID)
     *_, (state, _) = followed(pairs, AnalysisSettings(estimate=EstimateSettings(method="sutton2007")))
-    assert pipeline.residual_warning(state) == ()
+    assert pipeline.residual_notes(state) == ()
 
 
 def test_values_that_allow_no_look_end_nothing(noise: Steps) -> None:
