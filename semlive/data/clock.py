@@ -19,14 +19,14 @@ class Clock:
 
     At an instrument the rate is 1 and experiment time is UTC; in a simulation the rate may be larger.
     A simulator that falls behind publishes a new line that is set back ("stretched"); `revision` counts them. Time itself never goes
-    back: it stands still in every process, for the simulated devices and for the stamps of their readings, until the new line reaches it.
+    back: it is constant in every process, for the simulated devices and for the stamps of their readings, until the line has caught up.
 
     Attributes:
         utc0_ns: experiment time at `mono0_ns`, UTC ns since 1970.
         mono0_ns: reading of ``time.monotonic_ns()`` at that instant.
         rate: seconds of experiment time per second of wall time, > 0.
         revision: 0 for the first clock of a run, one more for each stretch.
-        not_before_ns: experiment time at the last stretch, UTC ns, at which time stands still until the line reaches it; 0 if none.
+        not_before_ns: experiment time at the last stretch, UTC ns, at which time is constant until the line reaches it; 0 if none.
     """
 
     utc0_ns: int
@@ -40,7 +40,7 @@ class Clock:
             raise ValueError(f"clock rate must be > 0, not {self.rate}")
 
     def time_ns(self, mono_ns: int) -> int:
-        """The line: experiment time (UTC ns) at a reading of the monotonic clock, without the standstill after a stretch."""
+        """The line: experiment time (UTC ns) at a reading of the monotonic clock, not constant after a stretch."""
         return self.utc0_ns + round((mono_ns - self.mono0_ns) * self.rate)
 
     def now_ns(self, mono_ns: int) -> int:
@@ -54,7 +54,7 @@ class Clock:
     def stretched(self, by_ns: int, mono_ns: int) -> Clock:
         """The clock set back by `by_ns` of experiment time at a reading of the monotonic clock.
 
-        An event planned for t occurs later by that amount. Until then time stands still at the present instant.
+        An event planned for t occurs later by that amount. Until the line has caught up, time is constant.
         """
         return Clock(self.utc0_ns - by_ns, self.mono0_ns, self.rate, self.revision + 1, self.now_ns(mono_ns))
 

@@ -57,11 +57,11 @@ def residual_notes(state: AnalysisState, summaries: Sequence[StrainSummary] = ()
     test = adequacy_after(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
     if test is None:
         return ()
-    known = summaries or [frame.summary for frame in state.reported.values()]
-    if not known:
+    reported = summaries or [frame.summary for frame in state.reported.values()]
+    if not reported:
         return test.notes()
-    means = np.array([astuple(summary.mean) for summary in known])
-    sigmas = np.array([astuple(summary.mean_sigma) for summary in known])
+    means = np.array([astuple(summary.mean) for summary in reported])
+    sigmas = np.array([astuple(summary.mean_sigma) for summary in reported])
     return test.notes(float(np.median(sigmas.max(axis=1))), float(np.ptp(means, axis=0).max()))
 
 

@@ -38,7 +38,7 @@ class SystemClock:
 class SimulatedClock:
     """Experiment time from a clock file that is replaced when the simulation stretches its clock.
 
-    After a stretch `now_ns` is constant, at the instant at which the simulated devices stand still, until the clock has caught up.
+    After a stretch `now_ns` is constant, as for the simulated devices, until the clock has caught up.
     """
 
     def __init__(self, path: Path) -> None:

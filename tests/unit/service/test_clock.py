@@ -66,7 +66,7 @@ def test_a_stretched_clock_is_continued_and_never_goes_back(tmp_path: Path) -> N
     assert after > before
 
 
-def test_late_work_stops_time_for_the_devices_and_the_stamps_of_their_readings_alike(tmp_path: Path) -> None:
+def test_after_late_work_the_devices_and_the_stamps_of_their_readings_have_the_same_time(tmp_path: Path) -> None:
     """At rate 40 a demo stopped itself: the load frame was 1.4 s (72.6 N at 50 N/s) ahead of the stamps after a stretch."""
     path = tmp_path / "clock.json"
     devices = BenchClock(40.0, lambda clock: publish(path, clock))
