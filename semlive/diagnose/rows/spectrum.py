@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,10 +70,9 @@ def spectrum(series: Sequence[RowSeries], ratio: Array) -> Spectrum:
     fit = np.all([_fits(run_series, candidates_hz) for run_series in series], axis=0)
     frequency_hz = candidates_hz[fit]
     power, information = [], []
-    for pair, run_series in enumerate(series):
-        for axis in (0, 1):
-            power_of_pair, weight = _powers(run_series, axis, frequency_hz, max(float(ratio[pair, axis]), 1.0))
-            power.append(power_of_pair)
+    for run_series, ratio_of_pair in zip(series, np.maximum(ratio, 1.0), strict=True):
+        for power_of_axis, weight in _powers(run_series, frequency_hz, ratio_of_pair):
+            power.append(power_of_axis)
             information.append(weight)
     return Spectrum(frequency_hz, np.stack(power), np.stack(information))
 
@@ -84,23 +83,27 @@ def _fits(row_series: RowSeries, frequency_hz: Array) -> NDArray[np.bool_]:
     return np.asarray((row_series.observed_wave(frequency_hz) > MIN_AMPLITUDE_FRACTION) & (from_whole > MIN_CYCLES_PER_ROW), dtype=np.bool_)
 
 
-def _powers(row_series: RowSeries, axis: int, frequency_hz: Array, ratio: float) -> tuple[Array, Array]:
-    weight = row_series.weight[axis]
+def _powers(row_series: RowSeries, frequency_hz: Array, ratio: Array) -> Iterator[tuple[Array, Array]]:
+    """Power in units of the noise, and information, along each axis."""
+    weight, ratio = row_series.weight, ratio[:, None]
     size = 1 << int(np.ceil(np.log2(BINS_PER_LINE_WIDTH * len(row_series.row_px))))
-    mean = np.sum(row_series.shift_px[axis] * weight, axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
-    rows = np.fft.fft((row_series.shift_px[axis] - (1.0 - ratio**-0.5) * mean[:, None]) * weight, size, axis=0)
+    mean = np.sum(row_series.shift_px * weight, axis=2) / np.maximum(weight.sum(axis=2), 1e-30)
+    rows = np.fft.fft((row_series.shift_px - ((1.0 - ratio**-0.5) * mean)[..., None]) * weight, size, axis=1)
     at = np.round(frequency_hz * row_series.row_time_s * size).astype(np.int64) % size
-    total, of_mean = (np.zeros(len(frequency_hz), dtype=np.complex128) for _ in range(2))
-    phase_rate, each = -2j * np.pi * row_series.dwell_time_s * frequency_hz, weight.sum(axis=0)
+    total, of_mean = (np.zeros((2, len(frequency_hz)), dtype=np.complex128) for _ in range(2))
+    phase_rate, each = -2j * np.pi * row_series.dwell_time_s * frequency_hz, weight.sum(axis=1)
     for piece, middle_px in enumerate(row_series.middle_px):
         phase_factor = np.exp(phase_rate * middle_px)
-        total += rows[at, piece] * phase_factor
-        of_mean += each[piece] * phase_factor
-    total_weight = float(each.sum()) or 1.0
-    power = np.abs(total) ** 2 / total_weight
-    level = np.maximum(_level(power, np.minimum(at, size - at).astype(np.float64)), 1e-12)
-    damped = 1.0 - (1.0 - 1.0 / ratio) * np.abs(of_mean / total_weight) ** 2
-    return power / level, 0.5 * total_weight * damped * row_series.observed_wave(frequency_hz) ** 2 / level
+        for axis in (0, 1):
+            total[axis] += rows[axis, at, piece] * phase_factor
+            of_mean[axis] += each[axis, piece] * phase_factor
+    observed, place = row_series.observed_wave(frequency_hz) ** 2, np.minimum(at, size - at).astype(np.float64)
+    for axis in (0, 1):
+        total_weight = float(each[axis].sum()) or 1.0
+        power = np.abs(total[axis]) ** 2 / total_weight
+        level = np.maximum(_level(power, place), 1e-12)
+        damped = 1.0 - (1.0 - 1.0 / ratio[axis]) * np.abs(of_mean[axis] / total_weight) ** 2
+        yield power / level, 0.5 * total_weight * damped * observed / level
 
 
 def _level(power: Array, place: Array) -> Array:
@@ -182,6 +185,6 @@ def _amplitudes(row_series: RowSeries, frequency_hz: float) -> NDArray[np.comple
     return np.asarray(2.0 * np.einsum("ans,ns->a", row_series.shift_px * row_series.weight, turning) / (weight * observed))
 
 
-def matching_frequencies(spectrum_of_pairs: Spectrum, owns: Callable[[float], bool]) -> NDArray[np.int64]:
+def matching_frequencies(spectrum_of_pairs: Spectrum, owns: Callable[[Array], NDArray[np.bool_]]) -> NDArray[np.int64]:
     """Indices of the frequencies of an effect class."""
-    return np.flatnonzero([owns(float(value)) for value in spectrum_of_pairs.frequency_hz])
+    return np.flatnonzero(owns(spectrum_of_pairs.frequency_hz))

@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 MAINS_HZ = (50.0, 60.0)
 OVERTONES = 4
 FREQUENCY_TOLERANCE = 0.004
@@ -19,7 +24,7 @@ class RowEffectClass:
         name: canonical name.
         description: what happens, one sentence.
         discriminating_experiment: the experiment that separates it from confounded effects, one sentence.
-        matches_frequency: whether a wave of a frequency, Hz, belongs to the class; None for independent shifts of every row.
+        matches_frequency: whether waves of (m,) frequencies, Hz, belong to the class; None for independent shifts of every row.
         group: group of confounded effects, G1 ... G12, or None.
         sizes_px: smallest and largest expected size, px.
     """
@@ -27,14 +32,15 @@ class RowEffectClass:
     name: str
     description: str
     discriminating_experiment: str
-    matches_frequency: Callable[[float], bool] | None = None
+    matches_frequency: Callable[[Array], Mask] | None = None
     group: str | None = None
     sizes_px: tuple[float, float] = (0.002, 2.0)
 
 
-def _is_mains(frequency_hz: float) -> bool:
-    """Whether the frequency is a multiple of 50 or 60 Hz."""
-    return any(abs(frequency_hz / (order * mains) - 1.0) < FREQUENCY_TOLERANCE for mains in MAINS_HZ for order in range(1, OVERTONES + 1))
+def _is_mains(frequency_hz: Array) -> Mask:
+    """Whether each frequency is a multiple of 50 or 60 Hz."""
+    lines_hz = np.outer(MAINS_HZ, np.arange(1, OVERTONES + 1)).reshape(-1, 1)
+    return np.any(np.abs(frequency_hz / lines_hz - 1.0) < FREQUENCY_TOLERANCE, axis=0)
 
 
 MAINS_HUM = RowEffectClass(
@@ -49,7 +55,7 @@ VIBRATION = RowEffectClass(
     "vibration",
     "specimen or column vibrate: u += A sin(2 pi f T + phase of the frame)",
     "pairs with pumps and chiller off, or an accelerometer; a dwell that is 7 % longer separates the frequency from its aliases",
-    lambda frequency_hz: not _is_mains(frequency_hz),
+    lambda frequency_hz: ~_is_mains(frequency_hz),
     group="G10",
 )
 """Vibration of the specimen by floor, pumps, chiller or sound: one frequency, an independent phase in every frame."""
