@@ -263,6 +263,10 @@ def _limits(lab: LabSetup) -> str:
         (f"  force_step_max_n: {1.2 * largest:g}", "N, largest commanded change of load in one step"),
         ("  stage_travel_um: 200", "um, largest allowed distance of the stage from its position at the start of the run"),
         (f"  force_drop_max_n: {max(0.1 * top, 1.0):g}", "N, a sudden decrease by more stops the run: slip or fracture"),
+        (
+            "  # stiffness_min_n_mm: 1000",
+            "N/mm, half of the measured stiffness: without it, no rule finds a load cell that reads too little",
+        ),
         (f"  # unloaded_max_n: {0.055 * top:g}", "N, largest preload of the unloaded pairs; by default 5 % of the larger force limit"),
     )
 
