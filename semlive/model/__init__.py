@@ -22,6 +22,7 @@ from semlive.model.row_shift import RowShiftEffect
 from semlive.model.scan_axes import ScanAxes
 from semlive.model.splines import UniformSpline
 from semlive.model.start_time_error import StartTimeErrors
+from semlive.model.walks import Gap, differences_across
 
 __all__ = [
     "Axis",
@@ -30,6 +31,7 @@ __all__ = [
     "DriftSpline",
     "Effect",
     "FrameObservation",
+    "Gap",
     "Layout",
     "MotionKind",
     "PairMotions",
@@ -40,6 +42,7 @@ __all__ = [
     "StartTimeErrors",
     "TensorColumns",
     "UniformSpline",
+    "differences_across",
     "evaluate_drift",
     "predicted_offsets",
     "scan_address",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,8 +45,7 @@ class DriftSpline:
 
     def until(self, time_s: float) -> DriftSpline:
         """The same spline, lengthened to reach `time_s`."""
-        needed = math.ceil((time_s - self.spline.origin) / self.spline.spacing)
-        return self if needed <= self.spline.intervals else DriftSpline(replace(self.spline, intervals=needed))
+        return DriftSpline(self.spline.until(time_s))
 
     def rows(self, time_s: ArrayLike) -> NDArray[np.float64]:
         """(n, size / 2) dense basis rows at times."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 
@@ -59,11 +58,6 @@ class RasterChange:
         index, by_x, by_y = _levers(self.spline, self.centre_px, self.radius_px, observation)
         along_x, along_y = (by_x, by_y) if self.term is RasterTerm.MAGNIFICATION else (-by_y, by_x)
         return Columns(Axis.X, index, along_x), Columns(Axis.Y, index, along_y)
-
-    def until(self, time_s: float) -> RasterChange:
-        """The effect extended to reach `time_s`."""
-        needed = math.ceil((time_s - self.spline.origin) / self.spline.spacing)
-        return self if needed <= self.spline.intervals else replace(self, spline=replace(self.spline, intervals=needed))
 
     def rows(self, time_s: ArrayLike) -> NDArray[np.float64]:
         """(n, size) dense rows that give the relative change (or the angle in rad) at times."""

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from pathlib import Path
 
 import pytest
 
 from semlive.errors import BadLog
-from semlive.formats.log.messages import SEM_ORIGINAL, LogLineMessage
+from semlive.formats.log.messages import SEM_ORIGINAL, LogLineMessage, RunMessage
 from semlive.formats.log.reader import LogMessage
 from semlive.formats.log.writer import LogWriter
 from semlive.service.log.files import messages
+from semlive.service.log.lock import held_itself
 from semlive.service.log.recording import Recorder
 from semlive.service.log.repair import recover_segment
-from semlive.service.log.tail import LogTail, follow
+from semlive.service.log.tail import LogAbandoned, LogTail, follow
 
 from ..clocks import HandClock
 
@@ -144,3 +146,27 @@ def test_a_recorder_is_followed_to_its_end(tmp_path: Path) -> None:
     reader.join(10)
     assert read == list(messages(tmp_path))
     assert len(read) == 306
+
+
+def test_the_log_of_a_killed_process_is_followed_while_its_folder_is_locked(tmp_path: Path) -> None:
+    with (tmp_path / "run.000.mcap.part").open("wb") as stream:
+        writer = LogWriter(stream)
+        writer.write("/run", RunMessage(run="a", started_time_ns=1, host=socket.gethostname(), versions={}, config={}), 1, 1)
+        writer.flush()
+    followed = follow(tmp_path, 0.005, silent_s=0.02)
+    assert next(followed).topic == "/run"
+    ended: list[str] = []
+
+    def read_on() -> None:
+        try:
+            next(followed)
+        except LogAbandoned as error:
+            ended.append(str(error))
+
+    reader = threading.Thread(target=read_on)
+    with held_itself(tmp_path):
+        reader.start()
+        reader.join(0.3)
+        assert (reader.is_alive(), ended) == (True, [])
+    reader.join(10)
+    assert "has ended before the run did" in ended[0]

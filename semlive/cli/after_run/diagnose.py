@@ -15,7 +15,7 @@ from rich.table import Table
 from semlive.cli.after_run.confirmation import SimulationRequest, new_folder, proof_json, proof_text
 from semlive.cli.after_run.confirmation import prove as prove_diagnosis
 from semlive.cli.after_run.forecast_table import forecast_table
-from semlive.cli.shared.output_path import output_file, write_text
+from semlive.cli.shared.output_path import emptied_if_refused, output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.cli.shared.report_files import figures_option, pdf_option, write_report_files
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
@@ -74,9 +74,8 @@ def diagnose(
         write_model(out, diagnosis, opened, parent)
     proof = None
     if simulation is not None:
-        simulation.folder.mkdir(parents=True, exist_ok=True)
         page = page or simulation.folder / "diagnosis.html"
-        with multi_stage_progress() as progress:
+        with emptied_if_refused(simulation.folder), multi_stage_progress() as progress:
             write = partial(write_model, verdict=diagnosis, log=opened, parent=parent)
             proof = prove_diagnosis(diagnosis, observation, log, write, simulation, progress)
     if page is not None or pdf is not None or pictures is not None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 from semlive.errors import BadInput, SemliveError
@@ -57,6 +59,25 @@ def output_folder(path: Path, option: str) -> Path:
     if _KERNEL_FOLDERS.intersection(existing.parts[1:2]) or not os.access(existing, os.W_OK | os.X_OK):
         raise BadInput(f"{option} {path}: no file can be made in {existing}; give a path that can be written")
     return path
+
+
+@contextlib.contextmanager
+def emptied_if_refused(path: Path) -> Iterator[None]:
+    """Make a folder, new or empty, for what the context writes; after bad input it is as before, for the corrected command."""
+    new_folders = [part for part in (path, *path.parents) if not part.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BadInput:
+        for entry in path.iterdir():
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry)
+            else:
+                entry.unlink()
+        with contextlib.suppress(OSError):
+            for folder in new_folders:
+                folder.rmdir()
+        raise
 
 
 def write_text(path: Path, text: str) -> None:

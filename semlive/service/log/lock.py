@@ -82,6 +82,17 @@ def held_itself(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
+def is_held(folder: Path) -> bool:
+    """Whether a process of this computer holds the lock of an existing folder itself, or the system does not show it."""
+    try:
+        handle = _hold(folder)
+    except OSError:
+        return True
+    if handle is not None:
+        os.close(handle)
+    return handle is None
+
+
 def _refused(folder: Path, holder: str) -> BadConfig:
     return BadConfig(f"{folder}: another semlive is at work on this run{holder}; wait until it has ended, or stop it")
 

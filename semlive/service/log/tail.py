@@ -7,6 +7,7 @@ segment exists. After that, it is the end of a killed process, and its readable 
 from __future__ import annotations
 
 import os
+import socket
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -16,19 +17,27 @@ from typing import BinaryIO
 
 from mcap.records import Channel, Footer, Message, Metadata
 
-from semlive.errors import BadLog
+from semlive.errors import BadLog, SemliveError
+from semlive.formats.log.messages import RunMessage, from_json
 from semlive.formats.log.reader import LogMessage, rewritten_in
 from semlive.formats.log.records import CONTINUED_METADATA
 from semlive.formats.log.segment_scan import SegmentSpan, scan_spans
 from semlive.service.log.files import PARTIAL_SUFFIX, open_segment, segments
+from semlive.service.log.lock import is_held
 
 _MARK_BYTES = 48
 # Upper limit of the number of messages that a recorder repeats because the disk has not acknowledged them.
 _RECENT = 100_000
+SILENT_S = 10.0
+"""Time without a new message, s, after which it is checked whether a process still writes the log. A run writes several in a second."""
 
 
 class LogReplaced(BadLog):
     """The log that is being read was replaced by another log."""
+
+
+class LogAbandoned(SemliveError):
+    """The process that wrote a log was ended before it finished the log."""
 
 
 class LogTail:
@@ -201,18 +210,41 @@ class LogTail:
         return messages
 
 
-def follow(log: Path, poll_s: float = 0.1, on_damage: Callable[[str], None] | None = None) -> Iterator[LogMessage]:
+def follow(
+    log: Path, poll_s: float = 0.1, on_damage: Callable[[str], None] | None = None, silent_s: float = SILENT_S
+) -> Iterator[LogMessage]:
     """Yield the messages of a growing log until its newest segment is finished; waits for new messages.
 
     Raises:
         BadLog: a file of the log cannot be read or is not MCAP.
+        LogAbandoned: no message came for `silent_s`, and no process of this computer, on which the run began, writes the log.
     """
-    tail = LogTail(log, on_damage)
+    tail, host = LogTail(log, on_damage), ""
+    silent_since_s, ended = time.monotonic(), False
     while True:
-        yield from tail.poll()
+        for message in tail.poll():
+            host = host or _host(message)
+            yield message
+            silent_since_s, ended = time.monotonic(), False
         if tail.finished:
             return
+        if ended:  # before this poll
+            raise LogAbandoned(
+                f"{log}: the process that wrote it has ended before the run did; resume the run with semlive run CONFIG --resume, "
+                "or read the log as it is, without following it"
+            )
+        if time.monotonic() - silent_since_s > silent_s:
+            ended = host == socket.gethostname() and not is_held(log if log.is_dir() else log.parent)
+            silent_since_s = time.monotonic()
         time.sleep(poll_s)
+
+
+def _host(message: LogMessage) -> str:
+    """Name of the computer of a run by its first message; empty for other messages."""
+    if message.topic != "/run":
+        return ""
+    run = from_json(message.topic, message.payload)
+    return run.host if isinstance(run, RunMessage) else ""
 
 
 def _identity(stream: BinaryIO) -> tuple[int, int]:

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from semlive.cli.app import app
-from semlive.cli.shared.output_path import output_file, output_folder, write_text
+from semlive.cli.shared.output_path import emptied_if_refused, output_file, output_folder, write_text
 from semlive.errors import BadInput, SemliveError
 
 COMMANDS = (
@@ -85,3 +85,18 @@ def test_a_page_that_cannot_be_written_keeps_the_former_one(tmp_path: Path) -> N
 
 def test_a_device_is_written_directly() -> None:
     write_text(Path(os.devnull), "gone")
+
+
+def test_a_folder_is_as_before_after_bad_input(tmp_path: Path) -> None:
+    def refuse(folder: Path) -> None:
+        with emptied_if_refused(folder):
+            (folder / "without" / "instrument").mkdir(parents=True)
+            (folder / "model.json").write_text("{}")
+            raise BadInput("no such scenario")
+
+    empty, new = tmp_path / "empty", tmp_path / "a" / "new"
+    empty.mkdir()
+    for folder in (empty, new, new):
+        with pytest.raises(BadInput, match="no such scenario"):
+            refuse(folder)
+    assert [path.name for path in tmp_path.rglob("*")] == ["empty"]

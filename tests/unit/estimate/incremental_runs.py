@@ -34,8 +34,10 @@ def when(frame: int, start_s: float, sigma_s: float = 0.0) -> FrameTime:
     return FrameTime(frame, start_s, timing, sigma_s)
 
 
-def times(pair: int) -> tuple[FrameTime, FrameTime]:
-    return when(2 * pair, 60.0 * pair), when(2 * pair + 1, 60.0 * pair + 14.0, 0.05 if pair in UNSURE else 0.0)
+def times(pair: int, pause_s: float = 0.0) -> tuple[FrameTime, FrameTime]:
+    """With a pause before pair 2, and one as long before pair 4."""
+    begin_s = 60.0 * pair + pause_s * (pair // 2)
+    return when(2 * pair, begin_s), when(2 * pair + 1, begin_s + 14.0, 0.05 if pair in UNSURE else 0.0)
 
 
 def exact_times(pair: int) -> tuple[FrameTime, FrameTime]:
@@ -61,10 +63,10 @@ def maps(pair: int) -> tuple[DisparityMap, ...]:
     return tuple(found)
 
 
-def accumulated(order: tuple[int, ...]) -> EstimatorState:
+def accumulated(order: tuple[int, ...], pause_s: float = 0.0) -> EstimatorState:
     state = estimating.init(SETTINGS, GRID, 280, 240)
     for pair in order:
-        state = estimating.update(state, pair, PHASES[pair], times(pair), maps(pair))
+        state = estimating.update(state, pair, PHASES[pair], times(pair, pause_s), maps(pair))
     return state
 
 

@@ -1,35 +1,25 @@
-"""Drift knots of a run with a pause, where effects are compared in one matrix."""
+"""Drift knots of a run with many short pauses, where effects are compared in one matrix."""
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
+import pytest
 
-from semlive import estimate as estimating
-from semlive.estimate.joint.observations.accumulation import DENSE_KNOTS, dense_limit, with_coarser_drift
-from semlive.estimate.joint.observations.state import EstimatorState
+from semlive.estimate.joint.observations import accumulation
+from semlive.estimate.joint.observations.accumulation import dense_limit, with_coarser_drift
 
-from .incremental_runs import GRID, PHASES, SETTINGS, exact_times, maps
-
-
-def run(pause_s: float) -> EstimatorState:
-    """Four pairs with a pause before the last two."""
-    state = estimating.init(SETTINGS, GRID, 280, 240)
-    for pair in range(4):
-        later_s = pause_s if pair >= 2 else 0.0
-        first, second = (dataclasses.replace(one, start_s=one.start_s + later_s) for one in exact_times(pair))
-        state = estimating.update(state, pair, PHASES[pair], (first, second), maps(pair))
-    return state
+from .incremental_runs import accumulated
 
 
-def test_a_pause_does_not_exceed_one_matrix() -> None:
-    paused = run(8 * 3600.0)
+def test_pauses_do_not_exceed_one_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
+    paused = accumulated((0, 1, 2, 3), 600.0)
+    monkeypatch.setattr(accumulation, "DENSE_KNOTS", 40)
     assert dense_limit(paused) == 2
     coarse = with_coarser_drift(paused)
     assert dense_limit(coarse) == 4
     assert coarse.drift is not None
-    assert 0.98 * DENSE_KNOTS < coarse.drift.spline.size <= DENSE_KNOTS
+    assert paused.drift is not None
+    assert 30 < coarse.drift.spline.size <= 40 < paused.drift.spline.size
     assert coarse.drift.spline.intervals * coarse.drift.spline.spacing >= paused.frames[-1].start_s + 12.0
     assert [one.size for one in coarse.raster] < [one.size for one in paused.raster]
     assert (coarse.frames, coarse.phases, coarse.motions) == (paused.frames, paused.phases, paused.motions)
@@ -39,11 +29,12 @@ def test_a_pause_does_not_exceed_one_matrix() -> None:
     assert len(coarse.information) == coarse.layout.size
 
 
-def test_a_pause_beyond_the_limit_changes_no_knot() -> None:
-    paused = run(40 * 3600.0)
+def test_pauses_beyond_the_limit_change_no_knot(monkeypatch: pytest.MonkeyPatch) -> None:
+    paused = accumulated((0, 1, 2, 3), 600.0)
+    monkeypatch.setattr(accumulation, "DENSE_KNOTS", 8)
     assert with_coarser_drift(paused) is paused
 
 
 def test_a_run_that_one_matrix_contains_is_the_same() -> None:
-    state = run(0.0)
+    state = accumulated((0, 1, 2, 3))
     assert with_coarser_drift(state) is state

@@ -38,7 +38,8 @@ def gap_steps(
     for count in range(1, max_knots // GAP_KNOTS + 1):
         part = count * GAP_KNOTS / max_knots
         at = tuple(before + int(part * (after - before)) for before, after in zip(present_sizes, sizes, strict=True))
-        steps.append((at, tuple(max(size - MAX_COUPLED_KNOTS, past) for size, past in zip(at, first_active_knot, strict=True))))
+        coupled = (min(spline.since(size), size - MAX_COUPLED_KNOTS) for spline, size in zip(splines, at, strict=True))
+        steps.append((at, tuple(max(begin, past) for begin, past in zip(coupled, first_active_knot, strict=True))))
     return steps
 
 

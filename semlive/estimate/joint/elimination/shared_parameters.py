@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from semlive.estimate.joint.observations.priors import AXES, BASE_PX, GAUGE_PX, RASTER_PX, STILL_PX, DifferencePenalty, Hyperparameters
 from semlive.estimate.joint.observations.state import EstimatorState
-from semlive.model import Layout, UniformSpline, sighting
+from semlive.model import Gap, Layout, UniformSpline, sighting
 
 Matrix = NDArray[np.float64]
 Vector = NDArray[np.float64]
@@ -105,6 +105,7 @@ class TemporalSpline:
         first: knots that belong to the border.
         filters: differences of knots that are believed to be small.
         knot_precision: precision of every knot about zero.
+        severed: whether it begins after a pause whose end does not depend on its begin: the knots before the first one continue it.
     """
 
     kind: int
@@ -114,6 +115,11 @@ class TemporalSpline:
     first: int
     filters: tuple[DifferencePenalty, ...]
     knot_precision: float
+    severed: bool = False
+
+    def gaps(self, first: int, stop: int) -> list[Gap]:
+        """Gaps between knots first ... stop - 1, counted from `first`, without that before a severed beginning."""
+        return [gap for gap in self.spline.gaps_within(first, stop, first) if not self.severed or gap[0] != self.first - first]
 
     def codes(self, first: int, stop: int) -> Codes:
         """Codes of knots first ... stop - 1."""
@@ -123,8 +129,9 @@ class TemporalSpline:
         """Prior of knots first ... stop - 1 given the earlier ones: codes and precision."""
         begin, total = self.since(first), np.zeros((stop - self.since(first),) * 2)
         for penalty in self.filters:
-            own = slice(max(first - penalty.reach, 0) - begin, None)
-            rows = penalty.rows(len(total[own]))
+            since = self._since(first, penalty)
+            own = slice(since - begin, None)
+            rows = penalty.rows(stop - since, self.gaps(since, stop))[max(first - penalty.reach, 0) - since :]
             total[own, own] += penalty.precision * (rows.T @ rows)
         fresh = np.arange(first - begin, stop - begin)
         total[fresh, fresh] += self.knot_precision
@@ -134,24 +141,31 @@ class TemporalSpline:
         """Prior precision times knot values, computed from differences to avoid cancellation of large values."""
         begin, total = self.since(first), np.zeros(len(value))
         for penalty in self.filters:
-            own = slice(max(first - penalty.reach, 0) - begin, None)
-            bent = penalty.of(value[own])
+            since = self._since(first, penalty)
+            own, gaps = slice(since - begin, None), self.gaps(since, stop)
+            bent = penalty.of(value[own], gaps)
+            bent[: max(first - penalty.reach, 0) - since + self.severed * penalty.reach] = 0.0
             if bent.size:
-                total[own] += penalty.precision * penalty.reversed(bent)
+                total[own] += penalty.precision * penalty.reversed(bent, gaps)
         total[first - begin :] += self.knot_precision * value[first - begin :]
         return total
 
     def since(self, first: int) -> int:
         """First knot coupled by the prior to knot `first`."""
-        return max(first - max((penalty.reach for penalty in self.filters), default=0), 0)
+        return min((self._since(first, penalty) for penalty in self.filters), default=first)
+
+    def _since(self, first: int, penalty: DifferencePenalty) -> int:
+        """First knot coupled to knot `first` by one filter: behind a gap, all that it couples before the gap."""
+        across = self.spline.gaps_within(first - penalty.reach + 1, first + 1)
+        return max(min(first, *(begin for begin, _ in across)) - penalty.reach, 0) if across else max(first - penalty.reach, 0)
 
     def size_at(self, end_s: float) -> int:
         """Number of knots of a run that ends at `end_s`."""
-        return min(max(_intervals(self.spline, end_s), 1) + self.spline.degree, self.spline.size)
+        return self.spline.shortened(end_s).size
 
     def interval(self, time_s: float) -> int:
         """First knot with influence at a time or later."""
-        return max(int(np.floor((time_s - self.spline.origin) / self.spline.spacing)), 0)
+        return self.spline.first_at(time_s)
 
 
 def temporal_splines(state: EstimatorState, hyper: Hyperparameters, border: SharedParameters) -> tuple[TemporalSpline, ...]:
@@ -198,7 +212,3 @@ def shared_prior(state: EstimatorState, hyper: Hyperparameters, border: SharedPa
 
 def _touched(spline: UniformSpline, last_s: float) -> int:
     return min(int(np.floor((last_s - spline.origin) / spline.spacing)), spline.intervals - 1) + spline.degree + 1
-
-
-def _intervals(spline: UniformSpline, end_s: float) -> int:
-    return int(np.ceil((end_s - spline.origin) / spline.spacing))

@@ -26,12 +26,18 @@ from semlive.estimate.joint.observations.state import EstimatorState, Extent, Ma
 from semlive.model import DriftSpline, Layout, MotionKind, PairMotions, RasterChange, RasterTerm, UniformSpline
 
 MAX_DRIFT_KNOTS = 250_000
-"""15 kB each: 10,000 pairs at the published rate, 50 days, need 136,000. A clock that jumps by years exceeds the limit."""
+"""15 kB each: 10,000 pairs at the published rate, 50 days, need 136,000. Those of pauses count: a clock that jumps by years is refused."""
+PAUSE_KNOTS = 64
+"""The coefficients of longer pauses are integrated out before anything else, so a pause of any length costs nothing. With all its knots, a
+pause of 15 hours had 4,700. The differences of the drift between both ends have the same distribution.
+"""
+RASTER_PAUSE_KNOTS = 8
+"""Likewise for changes of the raster, whose knots are further apart, in such a pause."""
 DENSE_PAIRS = 32
 """Number of first pairs whose sums form one dense matrix, from which hyperparameters are selected."""
 DENSE_KNOTS = 640
-"""Largest number of drift knots of the dense matrix. Pauses contain knots, too: with holds of 20 minutes, 24 pairs have 1,200 knots, and a
-selection took 17 s.
+"""Largest number of drift knots of the dense matrix. Short pauses contain knots, too: with holds of 20 minutes, 24 pairs have 1,200 knots,
+and a selection took 17 s.
 """
 _END_KNOTS = 4
 """Knots of a cubic spline beyond those of its length: three at the ends, and one for a last interval that is not complete."""
@@ -77,12 +83,11 @@ def update(
         shared = state.frames[-1].timing
         first, second = (replace(when, timing=shared) if when.timing == shared else when for when in times)
         times = first, second
+    state = _with_knots_for(state, times)
     duration_s = max(when.timing.duration_s for when in times)
     drift = state.drift or DriftSpline(UniformSpline(0.0, duration_s / state.settings.drift_knots_per_frame, 1))
-    raster = state.raster or _raster(state, duration_s)
-    end_s = _end_s(times[1])
-    drift, raster = drift.until(end_s), tuple(raster_effect.until(end_s) for raster_effect in raster)
-    if drift.spline.size > MAX_DRIFT_KNOTS:
+    drift, raster = _continued(drift, state.raster or _raster(state, duration_s), times)
+    if drift.spline.intervals > MAX_DRIFT_KNOTS:
         raise IllPosed(f"the run is {times[1].start_s:.0f} s long at pair {pair}, more than {MAX_DRIFT_KNOTS} drift knots: start a new run")
     motions = state.motions if pair == 0 else state.motions.with_pair(pair, _KIND[phase])
     frames, phases = tuple(sorted((*state.frames, *times), key=_start)), (*state.phases, phase)
@@ -119,9 +124,8 @@ def dense_limit(state: EstimatorState) -> int:
     """Number of first pairs for which hyperparameters are selected from one dense matrix; at least 1."""
     if state.drift is None:
         return len(state.phases)
-    first = replace(state.drift, spline=replace(state.drift.spline, intervals=1))
     end_s = {when.frame // 2: _end_s(when) for when in state.frames}
-    knots = [first.until(end_s[pair]).spline.size for pair in (0, *state.motions.pairs)[:DENSE_PAIRS]]
+    knots = [state.drift.spline.shortened(end_s[pair]).size for pair in (0, *state.motions.pairs)[:DENSE_PAIRS]]
     return next((count for count, size in enumerate(knots) if count and size > DENSE_KNOTS), len(knots))
 
 
@@ -136,10 +140,8 @@ def first_pairs(state: EstimatorState, pairs: int) -> EstimatorState:
     return with_normal_matrix(
         replace(
             shorter,
-            drift=replace(state.drift, spline=replace(state.drift.spline, intervals=1)).until(end_s),
-            raster=tuple(
-                replace(raster_effect, spline=replace(raster_effect.spline, intervals=1)).until(end_s) for raster_effect in state.raster
-            ),
+            drift=replace(state.drift, spline=state.drift.spline.shortened(end_s)),
+            raster=tuple(replace(raster_effect, spline=raster_effect.spline.shortened(end_s)) for raster_effect in state.raster),
             motions=PairMotions(state.motions.pairs[: pairs - 1], state.motions.kinds[: pairs - 1]),
             start_time_errors=state.start_time_errors.only(retained),
             frames=frames,
@@ -154,24 +156,45 @@ def first_pairs(state: EstimatorState, pairs: int) -> EstimatorState:
 def with_coarser_drift(state: EstimatorState) -> EstimatorState:
     """Return the state of the same maps, with the knots of drift and raster so far apart that one dense matrix contains the complete run.
 
-    A pause has knots without data. After 2,000 s, of which a restart took most, six pairs of frames of 9.4 s had 640 knots: their effects
-    were then neither fitted nor identified. The state is returned where the knots are few enough or would be
-    more than `MAX_COARSENING` times as far apart, and with more than `DENSE_PAIRS` pairs.
+    Many pauses of at most `PAUSE_KNOTS` have too many: 16 pairs with 50 knots between them have 950. The state is returned where the knots
+    are few enough or would be more than `MAX_COARSENING` times as far apart, and with more than `DENSE_PAIRS` pairs.
     """
     count = len(state.phases)
     if state.drift is None or count > DENSE_PAIRS or dense_limit(state) == count:
         return state
-    factor = state.drift.spline.size / (DENSE_KNOTS - _END_KNOTS)
-    if factor > MAX_COARSENING:
+    factor, coarse = 1.0, state
+    while dense_limit(coarse) < count and factor <= MAX_COARSENING:  # a pause that is short in such knots contains them
+        assert coarse.drift is not None  # there are pairs
+        factor *= max(coarse.drift.spline.size / (DENSE_KNOTS - _END_KNOTS), 1.05)
+        coarse = _again(state, factor, state.drift, state.raster)
+    return with_normal_matrix(coarse) if factor <= MAX_COARSENING else state
+
+
+def _with_knots_for(state: EstimatorState, times: tuple[FrameTime, FrameTime]) -> EstimatorState:
+    """The state itself, or that of the same maps with knots for a pair within a pause between earlier pairs."""
+    begin_s, end_s = _begin_s(times[0]), _end_s(times[1])
+    if state.drift is None or all(one.spline.has(begin_s, end_s) for one in (state.drift, *state.raster)):
         return state
+    remade = _again(state, 1.0, state.drift, state.raster, times)
+    return with_normal_matrix(remade) if dense_limit(remade) == len(remade.phases) else remade
+
+
+def _again(
+    state: EstimatorState, factor: float, drift: DriftSpline, raster: tuple[RasterChange, ...], *further: tuple[FrameTime, FrameTime]
+) -> EstimatorState:
+    """The state of the same maps without its sums, with knots further apart by a factor, and with knots at the times of further pairs."""
     settings = replace(state.settings, drift_knots_per_frame=state.settings.drift_knots_per_frame / factor)
-    raster = tuple(replace(one, spline=replace(one.spline, spacing=factor * one.spline.spacing, intervals=1)) for one in state.raster)
-    # Without its sums, a state may have a raster before its first pair.
-    coarse = replace(without_normal_matrix(init(settings, state.grid, state.width_px, state.height_px)), raster=raster)
-    for pair, phase in zip((0, *state.motions.pairs), state.phases, strict=True):
-        maps = tuple(rows.dmap for rows in rows_of(state, (pair,)))
-        coarse = update(coarse, pair, phase, (state.frame_time(2 * pair), state.frame_time(2 * pair + 1)), maps)
-    return with_normal_matrix(coarse)
+    times = [(state.frame_time(2 * pair), state.frame_time(2 * pair + 1)) for pair in (0, *state.motions.pairs)]
+    drift = replace(drift, spline=UniformSpline(0.0, factor * drift.spline.spacing, 1))
+    raster = tuple(replace(one, spline=UniformSpline(0.0, factor * one.spline.spacing, 1)) for one in raster)
+    for pair_times in sorted((*times, *further), key=lambda both: both[0].start_s):
+        drift, raster = _continued(drift, raster, pair_times)
+    # Without its sums, a state may have a drift and a raster before its first pair.
+    empty = without_normal_matrix(init(settings, state.grid, state.width_px, state.height_px))
+    again = replace(empty, drift=drift, raster=raster, storage=state.storage)
+    for pair, phase, pair_times in zip((0, *state.motions.pairs), state.phases, times, strict=True):
+        again = update(again, pair, phase, pair_times, tuple(rows.dmap for rows in rows_of(state, (pair,))))
+    return again
 
 
 def _widened(state: EstimatorState, extent: Extent | None, maps: Sequence[MapObservations]) -> Extent | None:
@@ -182,6 +205,22 @@ def _widened(state: EstimatorState, extent: Extent | None, maps: Sequence[MapObs
             here = Extent(there.min(axis=0), there.max(axis=0))
             extent = extent.union(here) if extent else here
     return extent
+
+
+def _continued(
+    drift: DriftSpline, raster: tuple[RasterChange, ...], times: tuple[FrameTime, FrameTime]
+) -> tuple[DriftSpline, tuple[RasterChange, ...]]:
+    """The effects in time lengthened to a pair, without the knots of a long pause before it."""
+    begin_s, end_s = _begin_s(times[0]), _end_s(times[1])
+    after = drift.spline.after_gap(begin_s, PAUSE_KNOTS)
+    if after is not drift.spline:
+        raster = tuple(replace(one, spline=one.spline.after_gap(begin_s, RASTER_PAUSE_KNOTS)) for one in raster)
+    return DriftSpline(after.until(end_s)), tuple(replace(one, spline=one.spline.until(end_s)) for one in raster)
+
+
+def _begin_s(when: FrameTime) -> float:
+    """Scan start of a frame, s, less an eighth of a frame."""
+    return when.start_s - 0.125 * when.timing.duration_s
 
 
 def _end_s(when: FrameTime) -> float:
@@ -202,7 +241,7 @@ def _raster(state: EstimatorState, duration_s: float) -> tuple[RasterChange, ...
 def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     layout = state.layout
     index = before.within(layout)
-    about = extended_parameters(layout, before, state.linearisation_point)
+    about = extended_parameters(state, before, state.linearisation_point)
     if not state.summed or dense_limit(state) < len(state.phases):
         return replace(without_normal_matrix(state), linearisation_point=about)
     precision, information = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
@@ -219,22 +258,23 @@ def _grown(state: EstimatorState, before: Layout) -> EstimatorState:
     )
 
 
-def extended_parameters(layout: Layout, before: Layout, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) parameters of a shorter run in the layout of a longer one. The drift continues at its last rate; motions are zero."""
-    if not parameters.size:
+def extended_parameters(state: EstimatorState, before: Layout, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) parameters in the layout of a shorter run in that of a state. The drift continues at its last rate; motions are zero."""
+    if not parameters.size or state.drift is None:
         return parameters
+    layout = state.layout
     about = np.zeros(layout.size)
     about[before.within(layout)] = parameters
-    _extrapolate(about[layout.part("drift")].reshape(-1, 2), before.part("drift"))
+    _extrapolate(about[layout.part("drift")].reshape(-1, 2), before.part("drift"), state.drift.spline)
     return about
 
 
-def _extrapolate(drift: NDArray[np.float64], estimated: slice) -> None:
+def _extrapolate(drift: NDArray[np.float64], estimated: slice, spline: UniformSpline) -> None:
     """Extrapolate, in place, drift coefficients that no pair has touched at the rate of the last ones.
 
     Some columns need the drift there.
     """
     count = (estimated.stop - estimated.start) // 2
-    last = min(TREND_KNOTS, count - 1)
-    rate = (drift[count - 1] - drift[count - 1 - last]) / last
-    drift[count:] = drift[count - 1] + rate * np.arange(1, len(drift) - count + 1)[:, None]
+    last, at = min(TREND_KNOTS, count - 1), spline.place(np.arange(len(drift)))
+    rate = (drift[count - 1] - drift[count - 1 - last]) / (at[count - 1] - at[count - 1 - last])
+    drift[count:] = drift[count - 1] + rate * (at[count:] - at[count - 1])[:, None]

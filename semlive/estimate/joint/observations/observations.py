@@ -116,7 +116,7 @@ def _shortest(effect: Effect, observation: FrameObservation) -> Effect:
         return effect
     spline = effect.spline
     needed = int((float(observation.visit_time_s.max()) - spline.origin) / spline.spacing) + 1
-    return replace(effect, spline=replace(spline, intervals=max(min(needed, spline.intervals), 1)))
+    return replace(effect, spline=spline.of_intervals(needed))
 
 
 _blocks = lru_cache(maxsize=2)(Blocks.of)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.estimate.joint.observations.state import EstimatorState
-from semlive.model import DistortionSpline, DriftSpline, MotionKind, RasterChange
+from semlive.model import DistortionSpline, DriftSpline, Gap, MotionKind, RasterChange, differences_across
 
 Kind = tuple[int, float]
 """Order and swing of a `Smoothness`."""
@@ -61,22 +62,38 @@ class DifferencePenalty:
         signs = [(-1.0) ** (self.order - k) * math.comb(self.order, k) for k in range(self.order + 1)]
         return np.convolve(signs, self.taps[::-1])
 
-    def of(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n - reach,) filtered differences of a series (n,), computed from plain differences to avoid cancellation of large values."""
-        return np.convolve(np.diff(value, n=self.order), self.taps, mode="valid") if len(value) > self.reach else np.zeros(0)
+    def across(self, count: int, gaps: Sequence[Gap]) -> Iterator[tuple[slice, slice, NDArray[np.float64]]]:
+        """The filtered differences of a series of `count` coefficients that are others because of its gaps."""
+        return differences_across(self.order, self.taps, count, gaps)
 
-    def reversed(self, bent: NDArray[np.float64]) -> NDArray[np.float64]:
+    def of(self, value: NDArray[np.float64], gaps: Sequence[Gap] = ()) -> NDArray[np.float64]:
+        """(n - reach,) filtered differences of a series (n,), computed from plain differences to avoid cancellation of large values."""
+        bent = np.convolve(np.diff(value, n=self.order), self.taps, mode="valid") if len(value) > self.reach else np.zeros(0)
+        for rows, columns, weights in self.across(len(value), gaps):
+            bent[rows] = weights @ value[columns]
+        return bent
+
+    def reversed(self, bent: NDArray[np.float64], gaps: Sequence[Gap] = ()) -> NDArray[np.float64]:
         """(n,) the transpose of `of`, for filtered differences (n - reach,)."""
-        total = np.convolve(bent, self.taps[::-1], mode="full")
+        across, plain = list(self.across(len(bent) + self.reach, gaps)), bent.copy()
+        for rows, _, _ in across:
+            plain[rows] = 0.0
+        total = np.convolve(plain, self.taps[::-1], mode="full")
         for _ in range(self.order):
             total = np.diff(total, prepend=0.0, append=0.0)
-        return (-1.0) ** self.order * total
+        total *= (-1.0) ** self.order
+        for rows, columns, weights in across:
+            total[columns] += weights.T @ bent[rows]
+        return total
 
-    def rows(self, count: int) -> NDArray[np.float64]:
+    def rows(self, count: int, gaps: Sequence[Gap] = ()) -> NDArray[np.float64]:
         """(count - reach, count) matrix of the filtered differences."""
         weights, rows = self.weights, np.zeros((max(count - self.reach, 0), count))
         for row in range(len(rows)):
             rows[row, row : row + len(weights)] = weights
+        for at, columns, across in self.across(count, gaps):
+            rows[at] = 0.0
+            rows[at, columns] = across
         return rows
 
 
@@ -114,8 +131,13 @@ class Smoothness:
         penalty = self.filter
         if len(penalty.taps) == 1:
             return effect.roughness(penalty.order) * penalty.precision
-        rows = penalty.rows(effect.size // 2)
+        rows = penalty.rows(effect.size // 2, gaps_of(effect))
         return penalty.precision * (rows.T @ rows)
+
+
+def gaps_of(effect: DriftSpline | DistortionSpline) -> list[Gap]:
+    """The gaps in the knots of an effect; a distortion has none."""
+    return effect.spline.gaps_within(0, effect.spline.size) if isinstance(effect, DriftSpline) else []
 
 
 @dataclass(frozen=True, slots=True)

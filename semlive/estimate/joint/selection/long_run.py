@@ -27,8 +27,10 @@ from semlive.estimate.joint.elimination.shared_parameters import (
     parameter_indices,
     temporal_splines,
 )
-from semlive.estimate.joint.observations.priors import MAX_COUPLED_KNOTS, DifferencePenalty, Hyperparameters, Kind
+from semlive.estimate.joint.observations.accumulation import PAUSE_KNOTS
+from semlive.estimate.joint.observations.priors import Hyperparameters, Kind
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations, rows_of
+from semlive.estimate.joint.selection.band_prior import coupled_knots, log_determinant, prior_band
 from semlive.estimate.joint.selection.marginal_likelihood import CANDIDATES, DRIFT_ORDERS, log_prior, smoothness_of_kind
 from semlive.estimate.joint.selection.model_selection import MIN_BAYES_FACTOR, RASTER_CANDIDATES
 
@@ -36,8 +38,6 @@ SAMPLE_SEGMENTS = 4
 """Number of segments of neighbouring pairs from which the smoothness of a long run is selected."""
 PAIRS_PER_SEGMENT = 24
 """Pairs of one segment: about 160 knots, which determine a smoothness well enough."""
-PAUSE_KNOTS = 64
-"""A longer pause separates two bands: the drift before it is then irrelevant. In one band with 15 hours of pause all digits were lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +114,11 @@ def sampled_pairs(state: EstimatorState) -> list[tuple[int, ...]]:
 
 
 def split_at_pauses(state: EstimatorState, pairs: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """Split pairs in order of time where more than `PAUSE_KNOTS` drift knots lie between two of them."""
+    """Split pairs in order of time where more than `PAUSE_KNOTS` drift knots lie between two of them.
+
+    The drift before such a pause is irrelevant. In one band with 15 hours of pause all digits were lost, and the values of knots before it,
+    which are known, would bind those after it too little for double precision.
+    """
     assert state.drift is not None  # there are pairs
     begin_s, end_s = {}, {}
     for when in state.frames:
@@ -143,8 +147,8 @@ def banded_system(
         terms.append((empty.place(information.codes), weight * information.precision, weight * pull))
     width = max((int(np.ptp(at)) for at, _, _ in terms if at.size), default=0)
     for strand in empty.strands(hyper):
-        at = empty.place(strand.codes(strand.first, strand.spline.size))
-        width = max(width, int((at[:-MAX_COUPLED_KNOTS] - at[MAX_COUPLED_KNOTS:]).max(initial=0)))
+        at, reach = empty.place(strand.codes(strand.first, strand.spline.size)), coupled_knots(strand)
+        width = max(width, int((at[:-reach] - at[reach:]).max(initial=0)))
     precision, pull = np.zeros((width + 1, len(codes))), np.zeros(len(codes))
     for at, own, gradient in terms:
         lower = at[:, None] >= at[None, :]
@@ -164,14 +168,14 @@ def with_prior(band: BandedSystem, hyper: Hyperparameters) -> tuple[Matrix, Vect
     for strand in band.strands(hyper):
         codes = strand.codes(0, strand.spline.size)
         value = band.near[parameter_indices(band.state.layout, codes)]
-        own, cost = _belief(strand, value)
+        own, cost = prior_band(strand, value)
         begin, gradient = strand.first, strand.prior_gradient(strand.first, strand.spline.size, value[strand.since(strand.first) :])
         at = band.place(codes[begin:][::-1])
         for lag in range(len(own)):
             count = own.shape[1] - lag
             precision[at[lag:] - at[:count], at[:count]] += own[lag, :count]
         pull[at] -= gradient[begin - strand.since(begin) :][::-1]
-        total += _log_determinant(strand) - cost
+        total += log_determinant(strand) - cost
     return precision, pull, total
 
 
@@ -184,48 +188,6 @@ def log_evidence(band: BandedSystem, hyper: Hyperparameters) -> float:
         return -np.inf
     fit = float(pull @ cho_solve_banded((factor, True), pull, check_finite=False))
     return 0.5 * (total + fit - 2.0 * float(np.log(factor[0]).sum()))
-
-
-def _belief(strand: TemporalSpline, value: Vector) -> tuple[Matrix, float]:
-    """Lower band of the prior precision of a temporal spline outside the border, latest first, and the prior cost of all knots."""
-    first = strand.first
-    own = _band(strand.filters, strand.knot_precision, strand.spline.size, first)
-    for lag in range(len(own)):
-        own[lag, : own.shape[1] - lag] = own[lag, : own.shape[1] - lag][::-1].copy()
-    cost = strand.knot_precision * float(value[first:] @ value[first:])
-    for penalty in strand.filters:
-        cost += penalty.precision * float(np.sum(penalty.of(value[max(first - penalty.reach, 0) :]) ** 2))
-    return own, cost
-
-
-def _log_determinant(strand: TemporalSpline) -> float:
-    """Log determinant of the prior precision of a temporal spline outside the border.
-
-    The computation uses differences of the lowest order as parameters. They are equivalent to the knots (unit Jacobian) and much better
-    conditioned: thousands of knots free at one end span more decades than a double represents.
-    """
-    least = 0 if strand.knot_precision else min(penalty.order for penalty in strand.filters)
-    own = _band(
-        tuple(replace(penalty, order=penalty.order - least) for penalty in strand.filters),
-        strand.knot_precision,
-        strand.spline.size,
-        strand.first,
-    )
-    return 2.0 * float(np.log(cholesky_banded(own, lower=True, check_finite=False)[0]).sum())
-
-
-def _band(filters: tuple[DifferencePenalty, ...], each: float, size: int, first: int) -> Matrix:
-    """(reach + 1, size - first) lower band of what filtered differences of a series, and its values, cost, those before `first` given."""
-    own = np.zeros((max((penalty.reach for penalty in filters), default=0) + 1, size))
-    own[0] += each
-    for penalty in filters:
-        weights, begin = penalty.weights, max(first - penalty.reach, 0)
-        for later in range(penalty.reach + 1):
-            for earlier in range(later + 1):
-                own[later - earlier, begin + earlier : size - penalty.reach + earlier] += (
-                    penalty.precision * weights[later] * weights[earlier]
-                )
-    return own[:, first:]
 
 
 def _climbed(bands: list[BandedSystem], hyper: Hyperparameters, axis: int) -> Hyperparameters:
@@ -272,8 +234,9 @@ def _strands(state: EstimatorState, pairs: tuple[int, ...], hyper: Hyperparamete
     some = []
     for strand in splines:
         if strand.kind == DRIFT:  # the raster has few knots, and its earlier changes determine its present value
-            shorter = replace(strand.spline, intervals=strand.size_at(end_s) - strand.spline.degree)
-            strand = replace(strand, first=max(strand.interval(begin_s), strand.first), spline=shorter)
+            first = max(strand.interval(begin_s), strand.first)
+            severed = bool(strand.spline.gaps_within(first, first + 1))
+            strand = replace(strand, first=first, spline=strand.spline.shortened(end_s), severed=severed)
         some.append(strand)
     return tuple(some)
 
@@ -283,7 +246,7 @@ def _in_order(state: EstimatorState, pairs: tuple[int, ...], hyper: Hyperparamet
     for strand in _strands(state, pairs, hyper, border):
         knots = np.arange(strand.first, strand.spline.size)
         codes.append(strand.codes(strand.first, strand.spline.size))
-        times.append(strand.spline.origin + (knots - 0.5 * strand.spline.degree) * strand.spline.spacing)
+        times.append(strand.spline.origin + (strand.spline.place(knots) - 0.5 * strand.spline.degree) * strand.spline.spacing)
     start = {when.frame // 2: when.start_s for when in state.frames}
     for pair in pairs:
         own, _, _ = pair_prior(state, np.zeros(state.layout.size), pair, hyper)

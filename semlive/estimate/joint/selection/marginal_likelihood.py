@@ -16,6 +16,7 @@ from semlive.estimate.joint.observations.priors import (
     Hyperparameters,
     Kind,
     Smoothness,
+    gaps_of,
     prior_precision,
     rotation_indices,
 )
@@ -204,7 +205,8 @@ def _scores(data: LocalLikelihood, smoothness_prior: SmoothnessPrior, kind: Kind
     held_back = smoothness_of_kind(kind, 1.0).filter
     drifts = isinstance(smoothness_prior.effect, DriftSpline)
     # Computed from differences to avoid cancellation of large values.
-    bent = held_back.reversed(held_back.of(data.linearisation_point)) if drifts else roughness @ data.linearisation_point
+    gaps = gaps_of(smoothness_prior.effect)
+    bent = held_back.reversed(held_back.of(data.linearisation_point, gaps), gaps) if drifts else roughness @ data.linearisation_point
     pull = data.gradient @ vectors - np.outer(tight, bent @ vectors)
     more = 1.0 + np.outer(tight - tight[-1], values)
     fit = (pull**2 / more).sum(axis=1) - tight * float(data.linearisation_point @ bent)
@@ -224,7 +226,8 @@ def _spectrum(effect: DriftSpline | DistortionSpline, kind: Kind, against: NDArr
         values, vectors = eigh(smoothness_of_kind(kind, 1.0).roughness(effect), against, check_finite=False)
         return np.clip(values, 0.0, None), vectors
     factor = cholesky(against, lower=True, check_finite=False)
-    rows = solve_triangular(factor, smoothness_of_kind(kind, 1.0).filter.rows(effect.size // 2).T, lower=True, check_finite=False).T
+    differences = smoothness_of_kind(kind, 1.0).filter.rows(effect.size // 2, gaps_of(effect))
+    rows = solve_triangular(factor, differences.T, lower=True, check_finite=False).T
     values = np.zeros(len(factor))
     _, singular, turned = np.linalg.svd(rows)
     values[: len(singular)] = singular**2

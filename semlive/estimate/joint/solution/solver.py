@@ -35,7 +35,7 @@ def solve_incremental(state: EstimatorState, previous: Solution | None) -> Solut
     Raises:
         IllPosed: there are no data, they are not finite, or `previous` contains pairs that the state does not have.
     """
-    if previous is None or (selection_due(len(state.phases)) and dense_limit(state) == len(state.phases)):
+    if previous is None or not _extends(state, previous) or (selection_due(len(state.phases)) and dense_limit(state) == len(state.phases)):
         return solve(state)
     followed = posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px)
     return _selected_again(followed, previous_selection(len(state.phases))) if selection_due(len(state.phases)) else followed
@@ -46,6 +46,8 @@ def solve_newest(state: EstimatorState, previous: Solution, pairs: int = 1) -> S
 
     The mean of the parameters of earlier pairs keeps its value from the last selection.
     """
+    if not _extends(state, previous):
+        return solve(state)
     return posterior_from_elimination(_gone_on(state, previous), previous.terms, previous.noise_floor_px, newest=pairs)
 
 
@@ -56,6 +58,12 @@ def solve_live(state: EstimatorState, previous: Solution | None) -> Solution:
     makes a selection.
     """
     return solve(state) if previous is None else solve_newest(state, previous, LIVE_WINDOW_PAIRS)
+
+
+def _extends(state: EstimatorState, previous: Solution) -> bool:
+    """Whether no pair came within a pause whose knots the previous solution lacks."""
+    before, now = ([one.spline for one in (of.drift, *of.raster) if one] for of in (previous.state, state))
+    return all(spline.of_intervals(earlier.intervals) == earlier for earlier, spline in zip(before, now, strict=True))
 
 
 def _gone_on(state: EstimatorState, previous: Solution) -> EliminationChain:
@@ -73,9 +81,9 @@ def _gone_on(state: EstimatorState, previous: Solution) -> EliminationChain:
         state = without_normal_matrix(_caught_up(before, state))
     else:
         rows = state.storage.append(before.rows, state.rows[len(before.rows) :])  # pairs of the earlier state keep their robust weights
-        state = replace(state, rows=rows, linearisation_point=extended_parameters(state.layout, before.layout, before.linearisation_point))
+        state = replace(state, rows=rows, linearisation_point=extended_parameters(state, before.layout, before.linearisation_point))
         state = with_rates(without_normal_matrix(state), before.start_time_errors)
-    near = extended_parameters(state.layout, before.layout, chain.linearisation_point)
+    near = extended_parameters(state, before.layout, chain.linearisation_point)
     new = slice(local.stop, state.layout.part("drift").stop)
     near[new] = state.linearisation_point[new]
     fresh = state.motions.pairs[len(before.motions.pairs) :]
