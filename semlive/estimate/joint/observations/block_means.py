@@ -171,7 +171,7 @@ def _unbent(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.
 def _polynomials(height: int, width: int) -> NDArray[np.float64]:
     """(ny, nx, m) products of Legendre polynomials of x and of y over a grid, the same for all maps of a run."""
     x, y = np.meshgrid(np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height))
-    return np.polynomial.legendre.legvander2d(x, y, (BEND, BEND))
+    return np.polynomial.legendre.legvander2d(x, y, (BEND, BEND)).astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
