@@ -54,7 +54,7 @@ class Reference:
     factors: NoiseFactors | None = None
 
     def __post_init__(self) -> None:
-        for holder in (self.sums, self.coarse, *(() if self.factors is None else (self.factors,))):
+        for holder in (self.coarse, *(() if self.factors is None else (self.factors,))):
             for field in fields(holder):
                 value = getattr(holder, field.name)
                 if isinstance(value, np.ndarray):

@@ -13,7 +13,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import pytest
@@ -62,8 +62,9 @@ class Source:
         return self.path.split("/")[0] in PACKAGES
 
 
+@cache
 def tree_files() -> list[Source]:
-    """Every text file of the tree, hidden folders and build products left out."""
+    """Every text file of the tree, hidden folders and build products left out; read by the first test, not when tests are collected."""
     found = []
     for path in sorted(ROOT.rglob("*")):
         parts = path.relative_to(ROOT).parts
@@ -146,14 +147,13 @@ def public_text(source: Source) -> Iterator[str]:
 
 Rule = Callable[[Source], Iterator[str]]
 PYTHON_RULES: tuple[Rule, ...] = (file_length, function_length, public_methods, no_print, telling_names, no_mocks, no_skips)
-TREE = tree_files()
 
 
 @pytest.fixture(scope="module")
 def broken_rules() -> dict[Rule, list[str]]:
     """The places that break each rule; every file is parsed once, and its syntax tree is not kept."""
     broken: dict[Rule, list[str]] = {rule: [] for rule in PYTHON_RULES}
-    for source in (replace(source) for source in TREE if source.path.endswith(".py")):
+    for source in (replace(source) for source in tree_files() if source.path.endswith(".py")):
         for rule, places in broken.items():
             places.extend(rule(source))
     return broken
@@ -165,7 +165,7 @@ def test_python_keeps_the_rule(broken_rules: dict[Rule, list[str]], rule: Rule) 
 
 
 def test_text_names_no_machine_and_no_registry() -> None:
-    broken = [line for source in TREE for line in public_text(source)]
+    broken = [line for source in tree_files() for line in public_text(source)]
     assert not broken, "\n".join(broken)
 
 
@@ -208,12 +208,12 @@ def test_rule_lets_pass(rule: Rule, path: str, text: str) -> None:
 
 
 def test_modules_are_small() -> None:
-    lengths = [source.text.count("\n") for source in TREE if source.in_packages and source.path.endswith(".py")]
+    lengths = [source.text.count("\n") for source in tree_files() if source.in_packages and source.path.endswith(".py")]
     assert statistics.median(lengths) <= 150
 
 
 def test_test_files_have_names_of_their_own() -> None:
-    names = Counter(Path(source.path).name for source in TREE if re.match(r"tests/.*/?test_\w+\.py$", source.path))
+    names = Counter(Path(source.path).name for source in tree_files() if re.match(r"tests/.*/?test_\w+\.py$", source.path))
     assert names
     assert not [name for name, times in names.items() if times > 1]
 

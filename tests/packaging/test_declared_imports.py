@@ -6,6 +6,7 @@ import ast
 import re
 import sys
 import tomllib
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -29,9 +30,14 @@ def canonical(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
+distributions_by_module = cache(packages_distributions)
+"""It reads the lists of files of all installed packages, in a second."""
+
+
+@cache
 def imported(folder: Path) -> set[str]:
     """The distributions whose modules are imported below a folder, but for the standard library and its own modules."""
-    distributions = packages_distributions()
+    distributions = distributions_by_module()
     # The peers are run by interpreters of their own, in environments that the benchmark makes.
     paths = [path for path in folder.rglob("*.py") if path.parent.name != "peers"]
     neighbours = {path.stem for path in paths} | {path.parent.name for path in paths}

@@ -28,8 +28,9 @@ def namespace_peer() -> str:
 @pytest.fixture
 def state(tmp_path: Path) -> Path:
     """The service's own folder, with what was compiled before: compiling again takes half a minute (bench_sandbox.py does it)."""
-    below = UserProvidedCacheLocator.get_suitable_cache_subpath(str(KERNELS / "icgn.py"))
-    shutil.copytree(KERNELS / "__pycache__", tmp_path / "jit" / below, ignore=shutil.ignore_patterns("*.pyc"))
+    for compiled in KERNELS.rglob("__pycache__"):
+        below = UserProvidedCacheLocator.get_suitable_cache_subpath(str(compiled.with_name("kernel.py")))
+        shutil.copytree(compiled, tmp_path / "jit" / below, ignore=shutil.ignore_patterns("*.pyc"))
     return tmp_path
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ keep_freed_memory()
 @dataclass(frozen=True, slots=True, eq=False)
 class SubsetSums:
     """Reference image and the sums of each of its subsets for every correlation (see `subsets.sum_rows`).
+
+    All arrays are read-only: the kernels would be compiled a second time for arrays that are not, for which a live run had to wait.
 
     Attributes:
         width_px: image width; the arrays below are padded along rows.
@@ -142,6 +144,8 @@ def subset_sums(
                 planes[first:last, 1 + k, :width] *= valid[first:last]
 
     parallel_chunks(lines, height, lines_at_once(width))
+    for written in (planes, weights):
+        written.setflags(write=False)
     result = SubsetSums(
         width_px=width,
         planes=planes,
@@ -177,6 +181,10 @@ def subset_sums(
             )  # fmt: skip
 
     parallel_chunks(rows, ny, ROW_CHUNK)
+    for field in fields(result):
+        value = getattr(result, field.name)
+        if isinstance(value, np.ndarray):
+            value.setflags(write=False)
     return result
 
 

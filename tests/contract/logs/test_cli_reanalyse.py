@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib
 import json
 import os
 import shutil
@@ -16,7 +17,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from distributed import LocalCluster
 
 from semlive.report import campaign
 from semlive.report.campaign import LogOutcome, analyse_log, process_pool, reanalyse
@@ -72,7 +72,8 @@ def test_all_cores_and_one_truncated_log(semlive: Semlive, logs: list[Path], own
 
 
 def test_a_dask_cluster(logs: list[Path], own: ReplayResult, tmp_path: Path) -> None:
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as workers:
+    distributed = importlib.import_module("distributed")  # here, because each process that collects the tests needs 0.7 s for it
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None) as workers:
         done = reanalyse([ReplayRequest(log) for log in logs], tmp_path / "out", lambda: campaign.dask_executor(workers.scheduler_address))
     assert [item.error is None for item in done] == [True, False, True]
     checked(tmp_path / "out", own)

@@ -16,7 +16,7 @@ from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.combine import add_map_wave_verdict
 from semlive.diagnose.maps.adequacy import adequacy_of
 from semlive.diagnose.rows.map_series import map_series, wave_fields
-from semlive.diagnose.rows.map_waves import diagnose_map_waves
+from semlive.diagnose.rows.map_waves import _taper, diagnose_map_waves
 from semlive_simulators.effects.interfaces import Effect, PixelVisits, Plane
 
 GRID = Grid(101, 101, 20, 38, 30, 43)
@@ -88,3 +88,7 @@ def test_a_wave_in_a_frame_has_its_own_phase(shaken: Observation) -> None:
     assert fields.shape == (f, b, 2, 4 * f)
     assert np.count_nonzero(fields[3].any(axis=(0, 1))) == 4
     assert np.allclose(np.sum(fields**2, axis=-1), 1.0)
+
+
+def test_half_of_a_taper_is_constant() -> None:
+    assert _taper(9) == pytest.approx([0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.0])

@@ -70,6 +70,13 @@ def test_gradients_must_have_the_images_shape():
         interface.subset_sums(IMAGE, IMAGE, IMAGE[:30], **GRID)
 
 
+def test_sums_are_read_only_so_that_kernels_are_compiled_once():
+    sums = interface.subset_sums(IMAGE, **GRID)
+    values = [value for name in sums.__slots__ if isinstance(value := getattr(sums, name), np.ndarray)]
+    assert len(values) == 12
+    assert not any(value.flags.writeable for value in values)
+
+
 def solutions():
     return interface.Solutions(np.zeros((3, 4, 6)), np.zeros((3, 4)), np.zeros((3, 4), np.uint8), np.zeros((3, 4), np.int32))
 

@@ -157,15 +157,21 @@ def isolated_outliers(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> N
 
 def _unbent(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(n,) residual of the valid POI after a robust polynomial fit (least absolute deviations), which a single outlier does not bend."""
-    x, y = (np.linspace(-1.0, 1.0, count) for count in (value.shape[1], value.shape[0]))
     order = np.arange(BEND + 1)
-    shapes = np.polynomial.legendre.legvander2d(*np.meshgrid(x, y), (BEND, BEND))[valid][:, np.add.outer(order, order).ravel() <= BEND]
+    shapes = _polynomials(*value.shape)[valid][:, np.add.outer(order, order).ravel() <= BEND]
     samples, weight = value[valid], np.ones(int(valid.sum()))
     residual = samples
     for _ in range(BEND_PASSES):
         residual = samples - shapes @ np.linalg.lstsq(shapes * weight[:, None], samples * weight, rcond=None)[0]
         weight = 1.0 / np.sqrt(np.maximum(np.abs(residual), OUTLIER_FLOOR_PX))
     return residual
+
+
+@lru_cache(maxsize=2)
+def _polynomials(height: int, width: int) -> NDArray[np.float64]:
+    """(ny, nx, m) products of Legendre polynomials of x and of y over a grid, the same for all maps of a run."""
+    x, y = np.meshgrid(np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height))
+    return np.polynomial.legendre.legvander2d(x, y, (BEND, BEND)).astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,10 +225,13 @@ class PackedColumns:
     def unpacked(self) -> BlockColumns:
         """Columns dense over all coefficients."""
         blocks, height, width = self.window.shape
-        total = np.zeros((blocks, *self.shape))
-        rows, columns_at = self.low[:, :1] + np.arange(height), self.low[:, 1:] + np.arange(width)
-        total[np.arange(blocks)[:, None, None], rows[:, :, None], columns_at[:, None, :]] = self.window
-        return BlockColumns(self.effect, Axis.EACH, np.arange(self.shape[0] * self.shape[1]), total.reshape(blocks, -1))
+        pitch, size = self.shape[1], self.shape[0] * self.shape[1]
+        total = np.zeros(blocks * size)
+        # One index for each element takes a third of the time of one for each axis.
+        first = size * np.arange(blocks) + pitch * self.low[:, 0] + self.low[:, 1]
+        within = pitch * np.arange(height)[:, None] + np.arange(width)
+        total[np.add.outer(first, within.ravel()).ravel()] = self.window.ravel()
+        return BlockColumns(self.effect, Axis.EACH, np.arange(size), total.reshape(blocks, size))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
