@@ -7,7 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,8 @@ import tifffile
 from typer.testing import CliRunner
 
 import semlive
-from semlive.cli.after_run import diagnose, experiment
 from semlive.cli.app import app
 from semlive.service.log.files import messages
-from semlive.service.log.opened_log import OpenedLog
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "conventions"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "golden"))
@@ -63,30 +61,6 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return Demo(folder, " ".join(done.stderr.split()), json.loads(done.stdout))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def computed_once() -> Iterator[None]:
-    """Verdict and observation of a log, computed by the first command and the same for every later one with the same options."""
-    with pytest.MonkeyPatch.context() as patch:
-        verdict, observation = _once(diagnose.diagnose_log), _once(experiment.load_observation)
-        for command in (diagnose, experiment):
-            patch.setattr(command, "diagnose_log", verdict)
-        patch.setattr(experiment, "load_observation", observation)
-        yield
-
-
-def _once(function: Callable[..., Any]) -> Callable[..., Any]:
-    results: dict[tuple[object, ...], Any] = {}
-
-    def call(log: OpenedLog, *options: Any) -> Any:
-        without_progress = [tuple(item) if isinstance(item, Sequence) else item for item in options if not callable(item)]
-        key = (log.path.resolve(), *without_progress)
-        if key not in results:
-            results[key] = function(log, *options)
-        return results[key]
-
-    return call
 
 
 @pytest.mark.timeout(600)
