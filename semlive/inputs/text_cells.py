@@ -212,11 +212,12 @@ def states_unit(line: str) -> bool:
     return any(match[1].casefold() in _UNITS_OF_READINGS for match in _STATED_UNIT.finditer(line))
 
 
-def units_stated(line: str) -> list[str]:
+@lru_cache(256)
+def units_stated(line: str) -> tuple[str, ...]:
     """Return the units of force, length or strain behind ``unit`` or ``values in``: ``Units: kN, mm``, ``Force unit;kN``."""
     match = _TITLE_UNITS.search(line)
     words = re.split(r"[\s\"':=;,()\[\]]+", match[1]) if match else []
-    return [word for word in words if word.casefold() in _UNITS_OF_READINGS]
+    return tuple(word for word in words if word.casefold() in _UNITS_OF_READINGS)
 
 
 def is_no_name(cell: str) -> bool:
