@@ -45,6 +45,7 @@ _UNITS_OF_READINGS = frozenset(("n", "kn", "mn", "µn", "un", "nn", "dan", "kgf"
 _VALUES_IN = r"(?:values|data|displacements?|positions?|coordinates?|loads?|forces?)\s+(?:are\s+)?in"
 _UNIT_WORD = r"(?:units?|einheit(?:en)?|unit[ée]s?|unidad(?:es)?|unità|単位|单位)(?:[_ ]labels?)?"
 _TITLE_UNITS = re.compile(rf"(?:^|[\W_])(?:{_VALUES_IN}|{_UNIT_WORD})" + r"((?:[\s\"':=;,()\[\]]+[^\s\"':=;,()\[\]]+)+)", re.IGNORECASE)
+_NAME_AND_UNIT = re.compile(r"(\w+)\s*[\[({<]\s*([^\s\[\](){}<>]+)\s*[\])}>]")
 _NAMES_AS_WELL = frozenset(("t", "v", "c", "h"))
 _COMMENT = re.compile(rf"\s*(?!{SPREADSHEET_MARK}|#{{2,}}\s*[;,\t])#", re.IGNORECASE)
 """A line that begins with an error value of a spreadsheet is no comment: the line before it would remain the newest one."""
@@ -213,11 +214,16 @@ def states_unit(line: str) -> bool:
 
 
 @lru_cache(256)
-def units_stated(line: str) -> tuple[str, ...]:
-    """Return the units of force, length or strain behind ``unit`` or ``values in``: ``Units: kN, mm``, ``Force unit;kN``."""
+def units_stated(line: str) -> tuple[tuple[str, str], ...]:
+    """Return units of force, length or strain and the keys of their columns.
+
+    The key is empty for units behind ``unit`` or ``values in``: ``Units: kN, mm``, ``Force unit;kN``. ``Column 2: Force [kN]`` states the
+    unit of the column ``force``.
+    """
     match = _TITLE_UNITS.search(line)
-    words = re.split(r"[\s\"':=;,()\[\]]+", match[1]) if match else []
-    return tuple(word for word in words if word.casefold() in _UNITS_OF_READINGS)
+    units = [("", word) for word in re.split(r"[\s\"':=;,()\[\]]+", match[1])] if match else []
+    units += [(key_of(name), unit) for name, unit in _NAME_AND_UNIT.findall(line)]
+    return tuple((key, unit) for key, unit in units if unit.casefold() in _UNITS_OF_READINGS)
 
 
 def is_no_name(cell: str) -> bool:

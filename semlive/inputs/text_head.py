@@ -172,9 +172,12 @@ def with_units(columns: tuple[Column, ...], lines: Sequence[str], data_from: int
 
 
 def with_title_units(columns: tuple[Column, ...], lines: Sequence[str], head: int) -> tuple[Column, ...]:
-    """Return the columns; those without a unit with the units that the titles above the names state."""
-    stated = tuple((number, unit) for number, line in enumerate(lines[:head], 1) for unit in units_stated(line))
-    return tuple(column if column.unit else replace(column, title_units=stated) for column in columns) if stated else columns
+    """Return the columns; those without a unit with the units that the titles above state for all columns, or by a name."""
+    stated = [(number, key, unit) for number, line in enumerate(lines[:head], 1) for key, unit in units_stated(line)]
+    if not stated:
+        return columns
+    units = [tuple((at, unit) for at, key, unit in stated if key in ("", column.key or key)) for column in columns]
+    return tuple(column if column.unit else replace(column, title_units=own) for column, own in zip(columns, units, strict=True))
 
 
 def with_units_above(columns: tuple[Column, ...], lines: Sequence[str], head: int, separator: str) -> tuple[Column, ...]:

@@ -107,6 +107,7 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "a name that may end in a unit": (b"Time;Force;Ext_in\n0,1;134,2;0,5\n", "there is no column 'Ext'"),
     "tonnes or time": (b"Time;Force (t);Ext\n0,1;134,2;0,5\n", "column 'Force (t)' may be in 't'; state its unit in the settings"),
     "a unit in a title": (b"Force unit: kN\nTime;Force;Ext\n0,1;0,1342;0,5\n", "column 'Force' has no unit, but line 1 states 'kN'"),
+    "a unit in a list of the columns": (b"# 1: Time [s]\n# 2: Force [kN]\nTime;Force;Ext\n0,1;0,1342;0,5\n", "but line 2 states 'kN'"),
     "no value of an instrument": (b"Force;Ext\n134.2;0.5\n+9.91E+37;0.5\n", "which is no reading but a lost value"),
     "a unit of each channel": (
         b"Separator\tTab\nY_Unit_Label\tkN\tmm\t\n***End_of_Header***\nTime\tForce\tExt\n0.1\t0.1342\t0.5\n",
