@@ -148,8 +148,9 @@ def _keys(columns: tuple[Column, ...]) -> list[str]:
         list(keys),
         [_ROLES_IN_PIXELS.get(key, key) if is_px else _ROLES.get(key, key) for key, is_px in zip(keys, in_pixels, strict=True)],
     )
+    places_in_pixels = [place for place, is_px in enumerate(in_pixels) if is_px]
     for place, column in enumerate(columns):
-        same = [names[other] == names[place] for other, is_px in enumerate(in_pixels) if is_px and roles[other] == roles[place]]
+        same = [names[other] == names[place] for other in places_in_pixels if roles[other] == roles[place]]
         if same and not in_pixels[place] and (column.unit or any(same)):
             keys[place] = roles[place] = ""  # X [mm], or x, next to x [px]
         elif SPELLINGS.get(keys[place]) not in (None, *keys):
