@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,17 +14,17 @@ from semlive.inputs.text_number import Sign, sign_of
 from semlive.inputs.text_table import AmbiguousTable, Convention, key_of, number_in
 from semlive.inputs.text_table import Column as HeadColumn
 from semlive.ports import ClockSource
+from semlive_drivers.column_units import KINDS, unit_factor, unit_next_to
 from semlive_drivers.device_part import PartCommand, PartReading
 from semlive_drivers.growing_table import GrowingTable, NewestLine
 from semlive_drivers.settings import checked
-from semlive_drivers.units import factor, unit_named
+from semlive_drivers.units import factor
 
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(?:['\u2019 \u00a0\u202f.,][0-9]{2,3})+(?:[.,][0-9]*)?")
-_KINDS = {
-    "force": ("N", "kN", "mN", "uN", "daN", "kg", "g", "t", "lbF"),
-    "extension": ("mm", "um", "m", "in"),
-    "gage": ("ustrain", "%", "1"),
-}
+_MIN_OVERLOAD = 1e30
+"""Measuring instruments return 9.9E+37 for an overload and 9.91E+37 for no value (SCPI 1999); no force or length has such a number."""
+_MAX_GAGE_STRAIN = 0.25
+"""No strain gage measures more; 125 without a unit is in microstrain."""
 
 
 class Column(BaseModel):
@@ -39,6 +38,11 @@ class Column(BaseModel):
     """Unit of the numbers; without it, the unit in the head of the file: ``Force (kN)``."""
     scale: float = 1.0
     """Factor of the numbers; -1 inverts the sign."""
+
+    @property
+    def stated_unit(self) -> str | None:
+        """The unit; None if the settings contain none."""
+        return self.unit if "unit" in self.model_fields_set else None
 
 
 class CsvSettings(BaseModel):
@@ -127,7 +131,10 @@ class CsvLoadFile:
         elif now - self._grew_mono_ns > self._settings.frozen_after_s * 1e9:
             still_s = (now - self._grew_mono_ns) / 1e9
             raise LinkError(f"{newest.path} has not grown for {still_s:.1f} s; check that the program that writes it is recording")
-        values = {column.kind: _value(column, newest) for column in self._find_columns(newest.layout.columns)}
+        columns = self._find_columns(newest.layout.columns)
+        for column in columns:
+            _check_unit_in_line(column, newest)
+        values = {column.kind: _value(column, newest) for column in columns}
         return PartReading(force_n=values.get("force"), extension_mm=values.get("extension"), gage_strain=values.get("gage"))
 
     def holds_numbers(self) -> bool:
@@ -197,11 +204,11 @@ class CsvLoadFile:
             BadInput: if a column does not exist, exists twice, or has another unit than in the settings.
         """
         found: list[_TableColumn] = []
-        for kind in _KINDS:
+        for kind in KINDS:
             column: Column | None = getattr(self._settings, kind)
             if column is not None:
                 index = _index_of(column, columns)
-                found.append(_TableColumn(kind, column, index, column.scale * _factor(kind, column, columns[index])))
+                found.append(_TableColumn(kind, column, index, column.scale * unit_factor(kind, column.stated_unit, columns[index])))
         return found
 
 
@@ -217,25 +224,24 @@ def _index_of(column: Column, columns: tuple[HeadColumn, ...]) -> int:
     if len(matches) != 1:
         names = ", ".join(head.raw for head in columns if head.raw) or "no names"
         problem = f"there is no column {name!r}" if not matches else f"column {name!r} exists {len(matches)} times"
-        raise BadInput(f"{{head}}: {problem} (it has {names[:200]}); check columns and delimiter.")
+        advice = "columns and delimiter" if names.isascii() else "columns, delimiter and encoding"
+        raise BadInput(f"{{head}}: {problem} (it has {names[:200]}); check {advice}.")
     return matches[0]
 
 
-def _factor(kind: str, column: Column, head: HeadColumn) -> float:
-    """N, mm or strain of one unit of the column, by the settings or else by the head of the file."""
-    head_unit = unit_named(head.unit)
-    if head_unit and head_unit not in _KINDS[kind]:
-        raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, which is no unit of {kind}; check columns and delimiter.")
-    if "unit" not in column.model_fields_set:
-        if head.unit and not head_unit:
-            units = ", ".join(_KINDS[kind])
-            raise BadInput(
-                f"{{head}}: column {head.raw!r} is in {head.unit!r}, which is not known; state its unit in the settings ({units})."
-            )
-        return factor(head_unit or "1", "csv column")
-    if head_unit and column.unit != "1" and factor(column.unit, "csv column") != factor(head_unit, "csv column"):
-        raise BadInput(f"{{head}}: column {head.raw!r} is in {head.unit}, but the settings state {column.unit}; correct one of them.")
-    return factor(column.unit, "csv column")
+def _check_unit_in_line(column: _TableColumn, newest: NewestLine) -> None:
+    """Refuse ``0.134;kN`` as newtons: a cell next to the number is its unit, as force gauges send it.
+
+    Raises:
+        LinkError: if that unit differs from the one of the column.
+    """
+    unit = unit_next_to(newest.cells, column.index)
+    if unit not in KINDS[column.kind] or unit == "1":
+        return
+    size = factor(unit, "csv column")
+    if abs(column.factor) not in (size, abs(size * column.column.scale)):
+        where = f"{newest.path}: {newest.line} holds {newest.cells[column.index][:40]!r} in column {column.column.column}"
+        raise LinkError(f"{where} next to the unit {unit}; state it in the settings, and record one unit")
 
 
 def _value(column: _TableColumn, newest: NewestLine) -> float | None:
@@ -246,7 +252,9 @@ def _value(column: _TableColumn, newest: NewestLine) -> float | None:
     """
     text = newest.cells[column.index]
     number = number_in(text, newest.layout.decimal)
-    if number is not None and math.isfinite(number):
+    if number is not None and column.kind == "gage" and abs(number * column.factor) > _MAX_GAGE_STRAIN:
+        return _no_strain(column, newest)
+    if number is not None and abs(number) < _MIN_OVERLOAD:
         return number * column.factor
     if column.kind == "gage" and (number is not None or not any(letter.isdigit() for letter in text)):
         return None
@@ -256,6 +264,17 @@ def _value(column: _TableColumn, newest: NewestLine) -> float | None:
     if sign_of(text) is Sign.THOUSANDS or _THOUSANDS.fullmatch(text):
         raise LinkError(f"{where}; switch the separator of thousands off in the program that writes it")
     raise LinkError(f"{where}, which is no reading; check columns, delimiter and decimal_comma")
+
+
+def _no_strain(column: _TableColumn, newest: NewestLine) -> None:
+    """A gage with a known unit is overloaded, so it has no value.
+
+    Raises:
+        LinkError: if the unit is not known.
+    """
+    if column.column.stated_unit is None and not newest.layout.columns[column.index].unit:
+        where = f"{newest.path}: {newest.line} holds {newest.cells[column.index][:40]!r} in column {column.column.column}"
+        raise LinkError(f"{where}, which is no strain; state its unit in the settings ({', '.join(KINDS['gage'])})")
 
 
 def open_part(settings: Mapping[str, object], clock: ClockSource, where: str = "csv") -> CsvLoadFile:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 from semlive.errors import BadInput
 from semlive.inputs.files import open_regular
@@ -21,6 +22,7 @@ from semlive.inputs.text_table import (
     lines_of,
     number_in,
 )
+from semlive_drivers.later_heads import LaterHeads
 
 _WINDOW_BYTES = 65_536
 """Bytes at the beginning in which the head is searched, and at the end in which the newest line is searched."""
@@ -67,6 +69,7 @@ class GrowingTable:
         self._layout: Layout | None = None
         self._layout_head = b""
         self._begins_with_text = False
+        self._later_heads: LaterHeads | None = None
 
     def newest(self, path: Path) -> NewestLine | None:
         """The newest complete line of numbers; None while there is none. Text after the last line feed is ignored.
@@ -76,19 +79,22 @@ class GrowingTable:
             OSError: if the file cannot be read.
         """
         with open_regular(path) as stream:
-            size = os.fstat(stream.fileno()).st_size
-            start = stream.read(_WINDOW_BYTES)
-            mark, encoding = encoding_of(start, self._encoding)
-            width = 2 if encoding.startswith("utf-16") else 1
-            offset = max(0, size - _WINDOW_BYTES) // width * width
-            if offset:
-                stream.seek(offset)
-            window = stream.read(_WINDOW_BYTES + width) if offset else start
+            return self._newest_in(path, stream)
+
+    def _newest_in(self, path: Path, stream: BinaryIO) -> NewestLine | None:
+        size = os.fstat(stream.fileno()).st_size
+        start = stream.read(_WINDOW_BYTES)
+        mark, encoding = encoding_of(start, self._encoding)
+        width = 2 if encoding.startswith("utf-16") else 1
+        offset = max(0, size - _WINDOW_BYTES) // width * width
+        if offset:
+            stream.seek(offset)
+        window = stream.read(_WINDOW_BYTES + width) if offset else start
         head = start[: _end_of_lines(start, width)]
         if path != self._path or self._layout is None or not start.startswith(self._layout_head):
             self._path, self._layout, self._layout_head = path, None, b""
             _check_text(path, start, head, width)
-            self._detect_layout(path, decoded(head[mark:], encoding), head)
+            self._detect_layout(path, head, mark, encoding)
         if self._layout is None:
             return None
         end = _end_of_lines(window, width)
@@ -103,6 +109,7 @@ class GrowingTable:
         index = next((index for index in range(len(lines) - 1, first - 1, -1) if not is_blank(lines[index])), None)
         if index is None:
             return None
+        self._check_later_heads(path, stream, offset + end)
         cells = self._layout.cells(lines[index], None if offset else index + 1)
         self._layout = self._layout.after(cells)
         for _ in lines[index + 1 :]:  # blank lines and comments are no reading, so the file does not grow by them
@@ -112,9 +119,15 @@ class GrowingTable:
             raise BadInput(f"{path}: {newest.line} begins with {cells[0][:40]!r} and not with a number; record lines of readings only.")
         return newest
 
-    def _detect_layout(self, path: Path, text: str, head: bytes) -> None:
+    def _check_later_heads(self, path: Path, stream: BinaryIO, end: int) -> None:
+        """Refuse a table with other names or units below the first, as a program writes that begins another test in one file."""
+        changed = self._later_heads.changed_in(stream, end) if self._later_heads is not None else ""
+        if changed:
+            raise BadInput(f"{path}: holds {changed[:60]!r} below other names or units; record each test in a file of its own.")
+
+    def _detect_layout(self, path: Path, head: bytes, mark: int, encoding: str) -> None:
         """Detect the layout from the complete lines at the beginning, if one of them holds numbers."""
-        lines = lines_of(text)[:-1]
+        lines = lines_of(decoded(head[mark:], encoding))[:-1]
         if not any(line.strip() for line in lines):
             if len(head) == 0 and path.stat().st_size > _WINDOW_BYTES:
                 raise BadInput(f"{path}: its first line is longer than {_WINDOW_BYTES} bytes; record lines of numbers.")
@@ -123,6 +136,7 @@ class GrowingTable:
         first = next((line for line in lines[layout.first_line - 1 :] if not is_blank(line)), None)
         if first is not None:
             self._layout, self._layout_head = layout, head
+            self._later_heads = LaterHeads(layout, lines[: layout.first_line - 1], mark, encoding)
             self._begins_with_text = _is_text(layout.cells(first)[0])
 
 

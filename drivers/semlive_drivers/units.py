@@ -39,8 +39,17 @@ _ALIASES = {name.lower(): name for name in FACTORS} | {
     "kgf": "kg",
     "gf": "g",
     "kp": "kg",
-    "newton": "N",
-    "inch": "in",
+    "lbs-f": "lbF",
+    "lb-f": "lbF",
+    **dict.fromkeys(("n", "newton", "newtons", "н"), "N"),
+    **dict.fromkeys(("kilonewton", "kilonewtons", "кн"), "kN"),
+    **dict.fromkeys(("millinewton", "millinewtons"), "mN"),
+    **dict.fromkeys(("inch", "inches"), "in"),
+    **dict.fromkeys(("millimeter", "millimeters", "millimetre", "millimetres", "мм", "毫米"), "mm"),
+    **dict.fromkeys(("micrometer", "micrometers", "micrometre", "micrometres", "microns", "мкм", "微米"), "um"),
+    **dict.fromkeys(("percent", "pct"), "%"),
+    **dict.fromkeys(("um/m", "µm/m", "μm/m", "ppm"), "ustrain"),
+    **dict.fromkeys(("mm/mm", "m/m", "in/in", "-"), "1"),
 }
 
 
@@ -70,9 +79,25 @@ def unit_named(text: str) -> str:
         return text
     lower = text.casefold()
     # MN is not mN, and a capital M, G or T is no metre, gram or tonne.
-    if lower == "mn" or len(text) == 1:
-        return "N" if text == "n" else ""
+    if lower == "mn" or (len(text) == 1 and text not in "nН-"):
+        return ""
     micro = _MICRO.fullmatch(lower)
     if micro is not None:
         return {"m": "um", "n": "uN"}.get(micro[1], "um" if micro[2] == "n" else "ustrain")
     return _ALIASES.get(lower, "")
+
+
+_WORDS = re.compile(r"%|[^\W\d_]+")
+_JOINED = re.compile(r".*[a-z](kN|mN|daN|MN)")
+
+
+def unit_in_name(name: str) -> str:
+    """A unit that may be a part of the name of a column: ``Ext_in``, ``Force-kN``, ``kN Force``, ``ForcekN``; empty without one.
+
+    A single letter and ``in`` may be a unit at the end only.
+    """
+    words, joined = _WORDS.findall(name), _JOINED.fullmatch(name)
+    candidates = [joined[1]] if joined else []
+    candidates += [word for word in words if word == "%" or (len(word) > 1 and word != "in")]
+    candidates += words[1:][-1:]
+    return next((word for word in candidates if word.casefold() == "mn" or unit_named(word)), "")

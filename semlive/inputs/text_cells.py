@@ -23,10 +23,12 @@ _DECLARED = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
 """A cell of a line that is split at blanks."""
 _BRACKET = re.compile(r"(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
+_UNIT_TWICE = re.compile(r"([(\[](\w+)[)\]])\s*[(\[]\2[)\]]", re.IGNORECASE)
+"""The same unit in two pairs of brackets, as Dantec DynamicStudio writes it: ``x (pix)[pix]``."""
 _SLASH = re.compile(r"(.+?)\s+/\s+(\S+)")
 _FINAL_UNIT = re.compile(
     r"(.+?)(?:\s*[_:/]\s*|\s+in\s+|\s+)"
-    r"(n|kn|mn|un|µn|μn|nn|dan|kgf|lbf|kg|mm|um|µm|μm|nm|cm|s|sec|ms|px|pixels?|mpa|gpa|m/s|mm/s|um/s|mm/min|n/s|n/min)",
+    r"(n|kn|mn|un|µn|μn|nn|dan|kgf|lbf|kg|mm|um|µm|μm|nm|cm|s|sec|ms|us|µs|μs|ns|px|pixels?|mpa|gpa|m/s|mm/s|um/s|mm/min|n/s|n/min)",
     re.IGNORECASE,
 )
 """A unit without brackets at the end of a name: ``force_kN``, ``Kraft in kN``, ``F/kN``; not ``Force min``, which may be a minimum."""
@@ -40,6 +42,10 @@ _UNITS = frozenset(_UNIT_WORDS.split())
 _STATED_UNIT = re.compile(r"[\[(,/_]\s*([^\s\[(),;/_\]]+)(?=[\s\]),;]|$)")
 _UNITS_OF_READINGS = frozenset(("n", "kn", "mn", "µn", "un", "nn", "dan", "kgf", "lbf", "kg", "um", "µm", "μm", "mm", "nm", "%", "ustrain"))
 """Units that state what a column without another name contains."""
+_VALUES_IN = r"(?:values|data|displacements?|positions?|coordinates?|loads?|forces?)\s+(?:are\s+)?in"
+_UNIT_WORD = r"(?:units?|einheit(?:en)?|unit[ée]s?|unidad(?:es)?|unità|単位|单位)(?:[_ ]labels?)?"
+_TITLE_UNITS = re.compile(rf"(?:^|[\W_])(?:{_VALUES_IN}|{_UNIT_WORD})" + r"((?:[\s\"':=;,()\[\]]+[^\s\"':=;,()\[\]]+)+)", re.IGNORECASE)
+_NAME_AND_UNIT = re.compile(r"(\w+)\s*[\[({<]\s*([^\s\[\](){}<>]+)\s*[\])}>]")
 _NAMES_AS_WELL = frozenset(("t", "v", "c", "h"))
 _COMMENT = re.compile(rf"\s*(?!{SPREADSHEET_MARK}|#{{2,}}\s*[;,\t])#", re.IGNORECASE)
 """A line that begins with an error value of a spreadsheet is no comment: the line before it would remain the newest one."""
@@ -60,11 +66,13 @@ class Column:
         raw: as written; empty in a table without names.
         name: without its unit.
         unit: from brackets after the name, after a slash, or from a line of units; empty without one.
+        title_units: numbers and units of lines above the names that state units, such as ``Units: kN``, for a column without a unit.
     """
 
     raw: str
     name: str
     unit: str
+    title_units: tuple[tuple[int, str], ...] = ()
 
     @property
     def key(self) -> str:
@@ -205,6 +213,19 @@ def states_unit(line: str) -> bool:
     return any(match[1].casefold() in _UNITS_OF_READINGS for match in _STATED_UNIT.finditer(line))
 
 
+@lru_cache(256)
+def units_stated(line: str) -> tuple[tuple[str, str], ...]:
+    """Return units of force, length or strain and the keys of their columns.
+
+    The key is empty for units behind ``unit`` or ``values in``: ``Units: kN, mm``, ``Force unit;kN``. ``Column 2: Force [kN]`` states the
+    unit of the column ``force``.
+    """
+    match = _TITLE_UNITS.search(line)
+    units = [("", word) for word in re.split(r"[\s\"':=;,()\[\]]+", match[1])] if match else []
+    units += [(key_of(name), unit) for name, unit in _NAME_AND_UNIT.findall(line)]
+    return tuple((key, unit) for key, unit in units if unit.casefold() in _UNITS_OF_READINGS)
+
+
 def is_no_name(cell: str) -> bool:
     """Whether a cell of a line of names is a unit and cannot be the name of a column."""
     return is_unit(cell) and cell.casefold() not in _NAMES_AS_WELL
@@ -257,7 +278,7 @@ def joined_units(names: Sequence[str]) -> list[str]:
 
 
 def _column(raw: str) -> Column:
-    plain = unicodedata.normalize("NFKC", raw)  # brackets and wide letters of Chinese and Japanese texts
+    plain = _UNIT_TWICE.sub(r"\1", unicodedata.normalize("NFKC", raw))  # brackets and wide letters of Chinese and Japanese texts
     if plain.strip("[]() ").casefold() in _UNITS_OF_READINGS:
         return Column(raw, raw, plain.strip("[]() "))
     for pattern in (_BRACKET, _SLASH, _AFTER_COMMA, _FINAL_UNIT):

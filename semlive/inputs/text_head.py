@@ -20,8 +20,9 @@ from semlive.inputs.text_cells import (
     is_unit,
     joined_units,
     split,
+    units_stated,
 )
-from semlive.inputs.text_number import is_lost
+from semlive.inputs.text_number import Sign, is_lost, sign_of
 
 HEAD_LINES = 200
 """Number of lines of numbers that decide how a table is written."""
@@ -32,7 +33,20 @@ Rows = list[tuple[int, list[str]]]
 _UNIT_LINES = 3
 _GROUPED = re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*")
 """A number with groups of three digits and a decimal comma, which is refused by name."""
+_ROW_NAME = re.compile(r'\s*("(?:[^"]|"")+")\s*(.*)', re.DOTALL)
+_QUOTED = re.compile(r'"((?:[^"]|"")*)"')
 _NOT_QUOTED = re.compile(r'"(?:[^"]|"")*"|\([^)]*\)|\[[^\]]*\]|\{[^}]*\}')
+
+
+_MIN_NAMES = 5
+"""Names above as many cells of a line of numbers, so that a decimal comma in a title is no explanation: ``Alarm 101,102 (mm)``."""
+
+
+def is_above_as_many_cells(names: Sequence[str], lines: Sequence[str], start: int, separator: str) -> bool:
+    """Whether all cells of a line are texts and the next line contains numbers in as many cells."""
+    below = next((_cells(line, separator) for line in lines[start + 1 :] if not is_blank(line)), [])
+    texts = all(any(map(str.isalpha, name)) and not is_lost(name) for name in names)
+    return texts and len(names) == len(below) >= _MIN_NAMES and is_line_of_numbers(below)
 
 
 def own_separator(line: str) -> str:
@@ -157,6 +171,15 @@ def with_units(columns: tuple[Column, ...], lines: Sequence[str], data_from: int
     return _with_units(columns, units), first
 
 
+def with_title_units(columns: tuple[Column, ...], lines: Sequence[str], head: int) -> tuple[Column, ...]:
+    """Return the columns; those without a unit with the units that the titles above state for all columns, or by a name."""
+    stated = [(number, key, unit) for number, line in enumerate(lines[:head], 1) for key, unit in units_stated(line)]
+    if not stated:
+        return columns
+    units = [tuple((at, unit) for at, key, unit in stated if key in ("", column.key or key)) for column in columns]
+    return tuple(column if column.unit else replace(column, title_units=own) for column, own in zip(columns, units, strict=True))
+
+
 def with_units_above(columns: tuple[Column, ...], lines: Sequence[str], head: int, separator: str) -> tuple[Column, ...]:
     """Return the columns with the units of a line of texts directly above the names, if one of them is a known unit."""
     cells = _cells(lines[head - 1], separator) if head > 0 else []
@@ -211,3 +234,26 @@ def without_trailing(columns: tuple[Column, ...], rows: Rows, lines: Sequence[st
     if counts == {len(columns) - 1} and len(columns) > 1 and columns[-1].raw in unused:
         return columns[:-1]
     return columns
+
+
+def with_row_names(columns: tuple[Column, ...], rows: Rows, lines: Sequence[str], head_line: int, separator: str) -> tuple[Column, ...]:
+    """Return the columns with one for the names of rows, which R writes (``write.table``) without a name in the head.
+
+    R writes names in quotes and numbers without. Numbers that begin the lines without quotes may also be those of the first name, and a
+    cell without a name the last. Between commas, a decimal point shows that none of the commas is a decimal sign.
+    """
+    if separator == "," and not any(sign_of(cell) is Sign.POINT for _, cells in rows for cell in cells):
+        return columns
+    if not head_line or not rows or {len(cells) for _, cells in rows} != {len(columns) + 1} or not _is_in_quotes(lines[head_line - 1]):
+        return columns
+    matches = [_ROW_NAME.fullmatch(lines[number - 1]) for number, _ in rows]
+    names = {match[1] for match in matches if match is not None and not any(map(_is_number, _QUOTED.findall(match[2])))}
+    return (Column("", "", ""), *columns) if len(names) == len(rows) else columns
+
+
+def _is_in_quotes(line: str) -> bool:
+    return '"' in line and not any(map(str.isalnum, _QUOTED.sub("", line)))
+
+
+def _is_number(cell: str) -> bool:
+    return is_line_of_numbers([cell]) if cell else False

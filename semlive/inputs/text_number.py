@@ -19,9 +19,15 @@ _LOST = re.compile(
     r"[+-]?nan[0-9]*(?:\s?\(\w*\))?|[+-]?1[.,]#(?:ind|qnan|snan|nan|j)[0-9]*|n/?a|n\.\s?a\.|k\.\s?a\.|<na>|nat|null|nil|none"
     r"|n\. def\.|neun"  # NaN of .NET in German and Spanish
     r"|#{2,}|\*{2,}"  # number too long for its column, in spreadsheets and in Fortran
-    rf"|{SPREADSHEET_MARK}|[-\u2212\u2013\u2014]+|\.|",
+    rf"|{SPREADSHEET_MARK}|[-\u2212\u2013\u2014]+|\.|\?+|",
     re.IGNORECASE,
 )
+_LOST_WORDS = re.compile(
+    r"missing|lost|undef(?:ined)?|n\.?\s?d\.?|n/d|no\s?data|not found|invalid|failed|masked|void|empty|err(?:or)?"
+    r"|\(null\)|\\n|\[\]|nan\+nani",  # of .NET, MySQL, JSON and MATLAB
+    re.IGNORECASE,
+)
+"""Marks of lost values that may be names of columns as well, so they are marks in lines of numbers only."""
 _MINUS = str.maketrans("\N{MINUS SIGN}\N{EN DASH}\N{FULLWIDTH HYPHEN-MINUS}", "---")
 _FORTRAN_EXPONENT = str.maketrans("dD", "ee")
 _INFINITE = re.compile(r"([+-]?)(?:inf|infinity|1[.,]#inf[0-9]*)", re.IGNORECASE)
@@ -77,7 +83,7 @@ def number_in(cell: str, decimal: str) -> float | None:
         The number; NaN for a lost value; None for anything else, thousands separators included.
     """
     cell = cell.translate(_MINUS)
-    if is_lost(cell):
+    if is_lost(cell) or _LOST_WORDS.fullmatch(cell):
         return math.nan
     infinite = _INFINITE.fullmatch(cell)
     if infinite is not None:

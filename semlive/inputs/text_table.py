@@ -46,11 +46,14 @@ from semlive.inputs.text_head import (
     SEPARATORS,
     Rows,
     contains_numbers,
+    is_above_as_many_cells,
     is_possible_separator,
     names_above,
     number_rows,
     possible_starts,
     separator_above,
+    with_row_names,
+    with_title_units,
     with_units,
     with_units_above,
     without_trailing,
@@ -200,7 +203,9 @@ def _readings(
     elif start and any(is_whole(cell) or sign_of(cell) is not Sign.NONE for cell in head):
         # Below a first line that did not fit, a line that contains a number is not a line of names.
         raise Misfit(0, BadInput(f"{at}: is no line of names; write one above the numbers."))
-    elif is_no_line_of_names(head, lines[start], separator) or (not by_name and _selects_number(select, head)):
+    elif (
+        is_no_line_of_names(head, lines[start], separator) and not (by_name and is_above_as_many_cells(head, lines, start, separator))
+    ) or (not by_name and _selects_number(select, head)):
         raise Misfit(0, BadInput(f"{at}: is no line of names, because it contains numbers or lost values; write one above the numbers."))
     named_from = data_from
     columns = with_units_above(columns_of(names or [""] * len(head), separator), lines, head_line - 1, separator)
@@ -210,6 +215,8 @@ def _readings(
         raise Misfit(DEFINITE, AmbiguousTable(message))
     rows = number_rows(lines, data_from, separator)
     columns = without_trailing(columns, rows, lines, separator)
+    columns = with_title_units(columns, lines, start)
+    columns = with_row_names(columns, rows, lines, head_line, separator) if by_name else columns
     try:
         places = select(columns)
     except BadInput as error:

@@ -9,7 +9,9 @@ from scipy.ndimage import uniform_filter
 from semlive.data.disparity import DisparityMap, PoiStatus
 from semlive.data.grid import Grid
 from semlive.formats.tables.disparity_table import DisparityTable
+from semlive.formats.tables.sentinels import doubtful_pair
 
+Field = NDArray[np.float64]
 MIN_POINTS = 3  # points along an axis; the strain cannot be determined from fewer
 _MAX_POINTS = 10**7
 _LAG, _PARTS = 9, 8
@@ -65,8 +67,8 @@ def map_on(table: DisparityTable, grid: Grid, reference: int, current: int) -> D
     """Return the map on a grid; points that are missing in the table were not found.
 
     Raises:
-        BadInput: a point is not on the grid or occurs twice, a required point is missing, or a point that was not found has zero
-            displacement.
+        BadInput: a point is not on the grid or occurs twice, a required point is missing, or points that were not found have zero
+            displacement or one pair of numbers.
     """
     place = _places(table, grid)
     counts = np.bincount(place, minlength=grid.nx * grid.ny)
@@ -83,6 +85,7 @@ def map_on(table: DisparityTable, grid: Grid, reference: int, current: int) -> D
     valid.ravel()[place] = table.valid
     u, v = (_on_grid(values, place, grid) for values in (table.u_px, table.v_px))
     _check_moved(table, place, np.stack((u, v)), valid)
+    _check_repeated(table, place, u, v, valid)
     if table.sigma_u_px is None or table.sigma_v_px is None:
         sigma_u, sigma_v = (np.where(valid, scatter_px(values, valid), 0.0) for values in (u, v))
     else:
@@ -106,6 +109,20 @@ def _check_moved(table: DisparityTable, place: NDArray[np.int64], displacement: 
         first = int(np.flatnonzero(lost.ravel()[place])[0])
         around = f"{deviation_px.ravel()[place[first]]:.3g} px"
         problem = f"{int(lost.sum())} points moved by exactly 0 where the points around them moved by {around}"
+        raise table.error(first, 2, problem, f"mark with the column {table.dialect.mark} which points were not found")
+
+
+def _check_repeated(table: DisparityTable, place: NDArray[np.int64], u: Field, v: Field, valid: NDArray[np.bool_]) -> None:
+    """Refuse a pair of numbers that many points have although all points next to them moved otherwise.
+
+    Raises:
+        BadInput: there is such a pair.
+    """
+    doubtful = doubtful_pair(u, v, valid)
+    if doubtful is not None:
+        first = int(np.flatnonzero(doubtful[0].ravel()[place])[0])
+        moved = f"moved by exactly ({table.u_px[first]:g}, {table.v_px[first]:g}) px"
+        problem = f"{int(doubtful[0].sum())} points {moved}, and all points around them by {doubtful[1]:.3g} px less or more"
         raise table.error(first, 2, problem, f"mark with the column {table.dialect.mark} which points were not found")
 
 

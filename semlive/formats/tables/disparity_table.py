@@ -16,6 +16,7 @@ The programs differ in the names of their columns and in the mark of points that
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import re
@@ -26,9 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.errors import BadInput
-from semlive.formats.tables.disparity_columns import TableDialect, columns_in, dialect_of, places_of
-from semlive.formats.tables.disparity_marks import TEXT_MARKS, mark_in, points_found
+from semlive.formats.tables.disparity_columns import LENGTHS, TableDialect, columns_in, dialect_of, places_of
+from semlive.formats.tables.disparity_marks import CORRELATION, MARKS, OPENPIV, TEXT_MARKS, mark_in, points_found
 from semlive.formats.tables.map_lines import map_lines
+from semlive.formats.tables.sentinels import MIN_SENTINEL, sentinels_in
 from semlive.formats.tables.torn_line import check_last_line
 from semlive.inputs.text_table import (
     LONGEST_LINE,
@@ -36,6 +38,7 @@ from semlive.inputs.text_table import (
     TITLE_LINES,
     Convention,
     Layout,
+    encoding_of,
     is_blank,
     layout_of,
     lines_of,
@@ -44,6 +47,7 @@ from semlive.inputs.text_table import (
 )
 
 Values = NDArray[np.float64]
+_CODE_PAGES = ("cp932", "gb18030", "cp949", "big5", "cp1251")
 _SUBSET = re.compile(r"^\*{3}\s*Subset size:\s*(\d+)", re.MULTILINE)
 
 
@@ -96,10 +100,30 @@ def read_disparity_table(data: bytes, where: str, dialect: str | None = None) ->
     Raises:
         BadInput: the table is invalid; the message contains file, line, column and advice.
     """
-    lines = map_lines(lines_of(text_of(data, where)), where)
+    try:
+        return _read(text_of(data, where), where, dialect)
+    except BadInput:
+        for encoding in _other_code_pages(data):
+            with contextlib.suppress(BadInput, UnicodeDecodeError):
+                return _read(data.decode(encoding), where, dialect)
+        raise
+
+
+def _other_code_pages(data: bytes) -> tuple[str, ...]:
+    """Return code pages of names that are no UTF-8; digits and separators are the same in all of them."""
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return _CODE_PAGES if encoding_of(data) == (0, "utf-8") else ()
+    return ()
+
+
+def _read(text: str, where: str, dialect: str | None) -> DisparityTable:
+    lines = map_lines(lines_of(text), where)
     # No displacement has thousands of pixels, and no coordinate has decimals.
     layout = layout_of(lines, where, lambda columns: places_of(columns, dialect), Convention(no_thousands=True), TITLE_LINES)
     check_last_line(lines, layout)
+    _check_units(lines, layout)
     kind = dialect_of(layout.columns, dialect)
     at = columns_in(layout.columns, kind)
     columns, numbers = _numbers(lines, layout, at, kind)
@@ -108,6 +132,16 @@ def read_disparity_table(data: bytes, where: str, dialect: str | None = None) ->
     values = dict(zip(at, columns.T, strict=True))
     subset = _SUBSET.search("\n".join(lines[: layout.first_line]))
     return _table(values, kind, where, layout.first_line, min(int(subset.group(1)), 10**6) if subset else 0, numbers)
+
+
+def _check_units(lines: list[str], layout: Layout) -> None:
+    """Refuse points with a cell that is a unit of length, which the numbers next to it may have."""
+    for number, line in enumerate(lines[layout.first_line - 1 :], layout.first_line):
+        if not is_blank(line):
+            unit = next((cell for cell in layout.cells(line, number) if cell.casefold() in LENGTHS), "")
+            if unit:
+                raise BadInput(f"{layout.where}: line {number}: holds the unit {unit!r}; export it in pixels.")
+            return
 
 
 def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDialect) -> tuple[Values, NDArray[np.int64] | None]:
@@ -133,8 +167,12 @@ def _numbers(lines: list[str], layout: Layout, at: dict[str, int], kind: TableDi
 
 
 def _without_empty(values: Values, numbers: NDArray[np.int64], first_line: int) -> tuple[Values, NDArray[np.int64] | None]:
-    """Return the points without lines that hold neither position nor displacement, and the line numbers if some are left out."""
-    full = ~np.isnan(values[:, :4]).all(axis=1)
+    """Return the points, and the line numbers if lines are left out: those with neither position nor displacement.
+
+    All four are NaN, or one number that marks a lost value, such as -9999.
+    """
+    is_one_number = (values[:, :1] <= -MIN_SENTINEL) & (values[:, :4] == values[:, :1])
+    full = ~np.isnan(values[:, :4]).all(axis=1) & ~is_one_number.all(axis=1)
     consecutive = bool(full.all()) and bool((numbers == np.arange(first_line, first_line + len(numbers))).all())
     return values[full], None if consecutive else numbers[full]
 
@@ -181,6 +219,8 @@ def _number(cells: list[str], index: int, name: str, kind: TableDialect, at: dic
                 return math.nan
         raise BadInput(f"{place}: is empty; give a number, or mark with the column valid that the point was not found.")
     value = mark_in(text, layout.decimal) if name in TEXT_MARKS else number_in(text, layout.decimal)
+    if value is None and name in CORRELATION:
+        return 1.0
     if value is None and name in TEXT_MARKS:
         raise BadInput(f"{place}: {text[:40]!r} is no mark; name the column valid, with 1 where the point was found, else 0.")
     if value is None:
@@ -199,12 +239,20 @@ def _table(
     x, y, u, v = (values[name] for name in kind.place)
     mark = values.get(kind.mark)
     lost = np.isnan(u) | np.isnan(v)
-    valid = np.ones(len(x), dtype=np.bool_) if mark is None else points_found(kind.mark, mark, kind.min_mark, lost | ((u == 0) & (v == 0)))
-    if valid is None:
-        problem = f"column {kind.mark}: more than one of its values may mark points that were found"
-        raise BadInput(f"{where}: {problem}; name it valid, with 1 where the point was found, else 0.")
+    valid = np.ones(len(x), dtype=np.bool_)
+    marks = [name for name in values if name == kind.mark or name in (*MARKS, *CORRELATION)]
+    if all(name in marks for name in OPENPIV) and len(y) and y[0] > y[-1]:
+        problem = "y decreases from line to line, so its axis points upward"
+        raise BadInput(f"{where}: {problem}; save the map before transform_coordinates of OpenPIV, with y downward.")
+    for name in marks:
+        found = points_found(name, values[name], kind.min_mark if name == kind.mark else math.nan, (u, v), marks)
+        if found is None:
+            problem = f"column {name}: more than one of its values may mark points that were found"
+            raise BadInput(f"{where}: {problem}; name it valid, with 1 where the point was found, else 0.")
+        valid &= found
+    sentinels = sentinels_in(u, v, valid & ~lost)
     if mark is None or not kind.lists_all_points:
-        valid &= ~lost
+        valid &= ~lost & ~sentinels
     sigma = None
     if kind.sigma is not None and kind.sigma[0] in values:
         sigma = tuple(np.where(valid, values[name], 0.0) for name in kind.sigma)
@@ -212,6 +260,10 @@ def _table(
     table = DisparityTable(
         where, kind, first_line, x, y, np.where(valid, u, 0.0), np.where(valid, v, 0.0), sigma_u, sigma_v, valid, subset_px, lines
     )
+    if (sentinels & valid).any():
+        point = int(np.argmax(sentinels & valid))
+        problem = f"is {u[point]:g} next to a v of {v[point]:g}, which marks a point that was not found, but {kind.mark} marks it as found"
+        raise table.error(point, 2, problem, f"write {kind.mark} 0")
     _check_finite(table, mark)
     return table
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from semlive.data.experiment import Phase
 from semlive.errors import BadInput
-from semlive.inputs.text_number import is_lost
+from semlive.formats.tables.sentinels import is_sentinel
 from semlive.inputs.text_table import TITLE_LINES, Column, is_blank, key_of, layout_of, lines_of, number_in, text_of
 
 FORMAT_VERSION = 1
@@ -30,7 +30,8 @@ REQUIRED_COLUMNS = (
 OPTIONAL_COLUMNS = ("gage_strain", "pixel_nm")
 _MAX_INTEGER = 10**7
 # Limits that no scan exceeds: a larger value has another unit.
-_MAX_VALUES = {"dwell_s": 0.1, "row_time_s": 100.0, "start_s": 1e8}
+_MAX_VALUES = {"dwell_s": 0.1, "row_time_s": 100.0, "start_s": 1e8, "gage_strain": 1.0}
+_MAY_BE_LOST = ("load_n", "gage_strain", "shift_x_px", "shift_y_px", "pixel_nm")
 _ROUNDING = 1.001
 
 
@@ -158,6 +159,10 @@ def _row(cells: Mapping[str, str], line: int, where: str, decimal: str) -> Frame
     )
     if row.pixel_nm is not None and not row.pixel_nm > 0:
         raise at.wrong("pixel_nm", f"is {row.pixel_nm:g}", "give a size above 0 in nm")
+    for axis, (value, size) in enumerate(zip(row.shift_px or (), (row.width, row.height), strict=False)):
+        if abs(value) >= size:
+            problem = f"{value:g} px is longer than the frame of {row.width} x {row.height} px"
+            raise at.wrong(("shift_x_px", "shift_y_px")[axis], problem, "give it in pixels, or leave both cells empty")
     if row.frame // 2 != row.pair:
         raise at.wrong(
             "pair", f"is {row.pair} but frame {row.frame} belongs to pair {row.frame // 2}", "frames of pair k are 2k and 2k + 1"
@@ -194,8 +199,11 @@ class _Line:
         if not math.isfinite(value):
             raise self.wrong(column, f"is {cell[:40]}", "give a finite number, or leave out this frame's pair")
         if abs(value) > _MAX_VALUES.get(column, 1e12):
-            unit = "seconds" if column.endswith("_s") else "the unit of its name"
+            units = {"gage_strain": "strain, 1e-6 for one microstrain"}
+            unit = "seconds" if column.endswith("_s") else units.get(column, "the unit of its name")
             raise self.wrong(column, f"{value:g} is beyond the range of scans", f"give it in {unit}")
+        if column in _MAY_BE_LOST and is_sentinel(value):
+            raise self.wrong(column, f"{cell[:40]} may be a value or mark a missing one", "leave the cell empty if there is none")
         return value
 
     def positive(self, column: str) -> float:
@@ -211,7 +219,8 @@ class _Line:
         return int(value)
 
     def number_or_none(self, column: str) -> float | None:
-        return None if is_lost((self.cells.get(column) or "").strip()) else self.number(column)
+        value = number_in((self.cells.get(column) or "").strip(), self.decimal)
+        return None if value is not None and math.isnan(value) else self.number(column)
 
 
 def _check_together(rows: list[FrameRow], where: str) -> None:

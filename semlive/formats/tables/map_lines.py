@@ -12,13 +12,16 @@ from semlive.inputs.text_head import own_separator
 from semlive.inputs.text_number import is_lost
 
 _VECTOR_FILE = re.compile(r"#\s*(?:DaVis|nCorr)\b.*2D-vector", re.IGNORECASE)
-_VARIABLES = re.compile(r"\s*variables\s*=", re.IGNORECASE)
+_VARIABLES = re.compile(r"\s*(?:title\s*=\s*\"[^\"]*\"[\s,]*)?(?=variables\s*=)", re.IGNORECASE)
+_AUXILIARY = re.compile(r"\s*DATASETAUXDATA\b.*", re.IGNORECASE)
 _TECPLOT = re.compile(r"\s*[A-Z]+\s*(?:=|[A-Z]+\s*=)|\s*$", re.IGNORECASE)
 _BLOCK = re.compile(r"=\s*\"?block", re.IGNORECASE)
 _QUOTED = re.compile(r'"([^"]*)"')
 _HEAD_LINES = 50
 """Lines in which ``VARIABLES =`` is searched."""
 _FOOTER_LINES = 20
+_FOOTER_REMARK = re.compile(r"\s*(?:%|!|//|\*{2}|[-=_*]{3,}[-=_*;,\s]*$)")
+"""A remark or a line below the points; ``---;---`` may be lost values, and then has as many cells as a point."""
 
 
 def map_lines(lines: list[str], where: str) -> list[str]:
@@ -53,18 +56,22 @@ def _with_tecplot_names(lines: list[str], where: str) -> list[str]:
     at = next((place for place, line in enumerate(lines[:_HEAD_LINES]) if _VARIABLES.match(line)), None)
     if at is None:
         return lines
-    names, end = _QUOTED.findall(lines[at]) or re.findall(r"[^\s,]+", lines[at].partition("=")[2]), at + 1
+    stated = _AUXILIARY.sub("", _VARIABLES.sub("", lines[at], count=1))
+    names, end = _QUOTED.findall(stated) or re.findall(r"[^\s,]+", stated.partition("=")[2]), at + 1
     while end < len(lines) and lines[end].lstrip().startswith('"'):  # one name on each line
         names, end = names + _QUOTED.findall(lines[end]), end + 1
     first = next((place for place in range(end, len(lines)) if not _TECPLOT.match(lines[place])), len(lines))
     if any(_BLOCK.search(line) for line in lines[end:first]):
         raise BadInput(f"{where}: line {first}: lists the values variable by variable (BLOCK); export one line for each point (POINT).")
-    head = "# " + _separator(lines[first : first + 1]).join(f'"{name}"' for name in names)
+    separator = _separator(lines[first : first + 1], len(names))
+    head = "# " + separator.join(f'"{name}"' for name in names)
     return [*([""] * at), head, *([""] * (first - at - 1)), *lines[first:]] if names else lines
 
 
-def _separator(lines: Sequence[str]) -> str:
-    return next((sign for sign in "\t;" if any(sign in line for line in lines)), " ")
+def _separator(lines: Sequence[str], cells: int = 0) -> str:
+    """Return the separator of lines of numbers; a comma only if it separates so many cells, because it may be a decimal sign."""
+    signs = [sign for sign in "\t;," if any(sign in line for line in lines)]
+    return next((sign for sign in signs if sign != "," or all(line.count(",") == cells - 1 for line in lines)), " ")
 
 
 def _without_footer(lines: list[str]) -> list[str]:
@@ -79,7 +86,7 @@ def _without_footer(lines: list[str]) -> list[str]:
 def _may_be_footer(line: str) -> bool:
     first, *others = _cells(line)
     is_point = sum(map(str.isdigit, (cell[-1:] for cell in others))) >= len(XYUV)
-    return not line.strip() or (first[:1].isalpha() and not is_lost(first) and not is_point)
+    return not line.strip() or _FOOTER_REMARK.match(line) is not None or (first[:1].isalpha() and not is_lost(first) and not is_point)
 
 
 def _is_point(line: str) -> bool:

@@ -32,6 +32,9 @@ from semlive.formats.metadata.timestamps import acquired
 _TEXTS = ("Version", "SampleName", "ImageName", "Directory", "Comment", "KeyWord1", "KeyWord2", "DataNumber", "SerialNumber")
 """Keys whose values are no numbers, even if they look like them."""
 _SIZES = ("PixelSize", "Magnification")
+_GROUPED_KEYS = (*_SIZES, "DataSize", "WorkingDistance", "AcceleratingVoltage")
+_GROUPED = re.compile(r"(?<![\d.,'\u2019])\d{1,3}(?:['\u2019]\d{3})+(?!['\u2019\d])")
+"""Apostrophes between thousands, as in Switzerland; no other meaning is known."""
 _MIN_PRINT_M, _MAX_PRINT_M = 0.03, 1.0
 _HITACHI_KEYS = {"InstructName", "PixelSize", "DataSize", "SignalName", "ScanSpeed", "AcceleratingVoltage"}
 
@@ -78,6 +81,7 @@ def _with_decimal_points(values: Mapping[str, str]) -> tuple[dict[str, str], str
 
     ``1.984`` has a decimal point unless other numbers of the file have decimal commas.
     """
+    values = {key: _GROUPED.sub(_without_marks, value) if key in _GROUPED_KEYS else value for key, value in values.items()}
     numbers = {key: value for key, value in values.items() if key not in _TEXTS}
     decimal = decimal_sign_of(numbers.values())
     unclear = {key: value for key, value in numbers.items() if may_be_thousands(value)}
@@ -94,6 +98,10 @@ def _with_decimal_points(values: Mapping[str, str]) -> tuple[dict[str, str], str
     is_noted = written and read["PixelSize"] != written
     notes = (f"its PixelSize {written!r} was read as {read['PixelSize']} nm, by its {reason}.",) if is_noted else ()
     return {**values, **read}, "", notes
+
+
+def _without_marks(match: re.Match[str]) -> str:
+    return match[0].replace("'", "").replace("\u2019", "")
 
 
 def _fits_magnification(values: Mapping[str, str], unclear: Mapping[str, str], sign: str) -> bool:

@@ -54,13 +54,15 @@ HITACHI = b"InstructName=SU8000\r\nDataSize=1280x960\r\nScanSpeed=Slow3\r\nPixel
         ("1.984", 1.984),
         ("1.984\r\nDPI=200,69", 1984.0),
         ("1.98 nm", 1.98),
+        ("1'984", 1984.0),
+        ("1\u2019984.5\r\nMagnification=50", 1984.5),
         ("1,984", None),
         ("1,984\r\nMagnification=50\r\nDPI=200,69", None),
         ("1.984\r\nMagnification=50", None),
     ],
 )
 def test_thousands_in_a_pixel_size_are_decided_by_the_other_numbers(text: str, pixel_nm: float | None) -> None:
-    header = hitachi.read_sidecar(HITACHI + text.encode(), 0)
+    header = hitachi.read_sidecar(HITACHI + text.encode("cp1252"), 0)
     assert header is not None
     assert (header.pixel_size_m and header.pixel_size_m.value) == (pytest.approx(pixel_nm * 1e-9) if pixel_nm else None)
     if pixel_nm is None:

@@ -106,7 +106,7 @@ WRONG = {
     "nan where found": ("\n".join(DIALECTS["semlive"].decode().splitlines()).replace(f"{U[3]},", "NaN,"), "line 5, column u: is nan"),
     "position lost": (changed(5, 0, "NaN"), "line 5, column x: is nan"),
     "infinite": (changed(5, 3, "inf"), "line 5, column v: is inf"),
-    "word": (changed(6, 3, "lost"), "line 6, column v: 'lost' is not a number"),
+    "word": (changed(6, 3, "left"), "line 6, column v: 'left' is not a number"),
     "empty position": (changed(6, 1, ""), "line 6, column y: is empty"),
     "unit mm": ("\n".join(good()).replace("x,y,u,v", "x,y,Displacement x [mm],Displacement y [mm]"), "is in 'mm'; export it in pixels"),
     "u twice": ("\n".join(good()).replace("x,y,u,v", "x,u_x,x_displacement,y"), "column u may be 'u_x' or 'x_displacement'"),
@@ -119,6 +119,10 @@ WRONG = {
     "point twice": ("\n".join([*good(), good()[3]]), "line 22, column x: the point (40, 30) occurs twice"),
     "point missing": ("\n".join(good()[:-2] + good()[-1:]), "1 points of the grid are missing, the first (50, 60)"),
     "lost marked as still": (STILL, "line 9, column u: 1 points moved by exactly 0 where the points around them moved by 2.5 px"),
+    "one pair of numbers in many places": (
+        "\n".join([*LEVEL[:3], *(line.replace("1.5,-2", "-31,-31") for line in LEVEL[3:7]), *LEVEL[7:]]),
+        "line 4, column u: 4 points moved by exactly (-31, -31) px, and all points around them by 43.6 px less or more; mark with",
+    ),
     "outside the frame": (changed(2, 0, "-20"), "line 2, column x: -20 px is outside the frame of 200 x 200 px"),
     "longer than the frame": (changed(2, 2, "4000"), "line 2, column u: 4000 px is longer than the frame"),
     "one row": ("\n".join(good()[:6]), "the map has 1 different y"),
@@ -162,7 +166,8 @@ def test_noise_that_an_engine_does_not_report_is_estimated_from_the_map(shared: 
 
 
 LOST_MARKS = ("", "nan", "NaN", "-nan(ind)", "1.#QNAN", "-1.#IND", "#N/A", "#NV", "--", "n/a", "null", "nan(snan)",
-              "#NUM!", "#NAME?", "#REF!", "#VALUE!", "#DIV/0!", "#BEZUG!", "#¡NUM!", "n.a.", "NA", "k. A.", "####", "—")  # fmt: skip
+              "#NUM!", "#NAME?", "#REF!", "#VALUE!", "#DIV/0!", "#BEZUG!", "#¡NUM!", "n.a.", "NA", "k. A.", "####", "—",
+              "?", "missing", "undefined", "n.d.", "no data", "invalid", "\\N", "NaN+NaNi")  # fmt: skip
 PLACES = "{x:.0f},{y:.0f},{u},{v}"
 NAMES = {
     "MatchID": "Coordinates.Image X [Pixel],Coordinates.Image Y [Pixel],"

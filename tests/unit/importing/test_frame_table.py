@@ -49,7 +49,7 @@ def test_a_strain_gage_may_be_read_without_load_in_pairs_that_are_not_loaded() -
 
 def test_names_with_units_and_marks_of_lost_values_are_read() -> None:
     header = HEADER.replace("start_s", "Start [s]").replace("load_n", "load (N)").replace("row_time_s", "row-time-s")
-    rows = read([line.replace(",1,,", ",1,NaN,").replace("250.5,,", "250.5,#N/A,#N/A") for line in GOOD], header)
+    rows = read([line.replace(",1,,", ",1,missing,").replace("250.5,,", "250.5,#N/A,#N/A") for line in GOOD], header)
     assert [(row.start_s, row.load_n, row.shift_px) for row in rows] == [(row.start_s, row.load_n, row.shift_px) for row in read(GOOD)]
 
 
@@ -101,6 +101,14 @@ WRONG = {
     "one shift": (HEADER, [GOOD[0].removesuffix("0"), *GOOD[1:]], "line 2, column shift_y_px: is empty but the other axis is not"),
     "size": (HEADER, [GOOD[0], GOOD[1].replace("1000", "999"), *GOOD[2:]], "line 3, column width: is 999 but frame 0 has 1000"),
     "half an integration": (HEADER, [GOOD[0].replace(",1,,", ",1.5,,"), *GOOD[1:]], "line 2, column integrations: 1.5 is no integer"),
+    "a load that marks a missing one": (
+        HEADER,
+        [line.replace("250.5", "-9999") for line in GOOD],
+        "line 4, column load_n: -9999 may be a value or mark a missing one; leave the cell empty",
+    ),
+    "a shift longer than the frame": (HEADER, [GOOD[0].replace(",0,0", ",0,4000"), *GOOD[1:]], "column shift_y_px: 4000 px is longer than"),
+    "a gage in microstrain": (HEADER + ",gage_strain", [f"{line},125" for line in GOOD], "give it in strain, 1e-6 for one microstrain"),
+    "microseconds in the name": (HEADER.replace("dwell_s", "dwell_us"), GOOD, "column dwell_us is in us; give dwell_s in s"),
     "gage without load": (
         HEADER + ",gage_strain",
         [f"{line},1e-3".replace("250.5", "") for line in GOOD],

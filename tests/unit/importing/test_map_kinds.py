@@ -8,6 +8,7 @@ import pytest
 from semlive.errors import BadInput
 from semlive.formats.tables.disparity_grid import grid_of, map_on
 from semlive.formats.tables.disparity_table import DisparityTable, read_disparity_table
+from semlive.formats.tables.sentinels import doubtful_pair
 
 POINTS = [(20 + 10 * column, 30 + 10 * row) for row in range(3) for column in range(4)]
 U = [1.25 + 0.01 * place for place in range(len(POINTS))]
@@ -92,6 +93,12 @@ def test_a_mask_is_used_as_its_lost_points_show(mark: tuple[str, str]) -> None:
         "ｘ;ｙ;ｕ;ｖ",
         "col;row;u;v",
         "x0;y0;u [px/frame];v [px/frame]",
+        "xp;yp;up;vp",
+        "x;y;du;dv",
+        "x;y;deformation_x;deformation_y",
+        "X_Pic;Y_Pic;U_Pic;V_Pic",
+        "x [px];y [px];Vx [pixel/frame];Vy [pixel/frame]",
+        "坐标X;坐标Y;位移X;位移Y",
     ],
 )
 def test_other_names_are_read(names: str) -> None:
@@ -110,7 +117,69 @@ def test_a_tecplot_file_is_read() -> None:
         read(head[1], "ZONE I=4, J=3, DATAPACKING=BLOCK", "20 30 40 50", "20 30 40 50")
 
 
-@pytest.mark.parametrize("summary", [["Mean;;1.3;-1.3"], ["", "Mean u = 1.3 px", "END"], ["Anzahl: 12;;;"]])
+PROGRAMS: dict[str, tuple[list[str], str, str]] = {
+    "R": (['"x" "y" "u" "v"'], '"{i}" {x} {y} {u} {v}', '"{i}" {x} {y} NA NA'),
+    "R, decimal commas": (['"x";"y";"u";"v"'], '"{i}";{x},0;{y},0;{u};{v}'.replace(",0", ""), '"{i}";{x};{y};NA;NA'),
+    "R, commas": (['"","x","y","u","v"'], '"{i}",{x},{y},{u},{v}', '"{i}",{x},{y},NA,NA'),
+    "OpenPIV, replaced": (["# x\ty\tu\tv\tflags\tmask"], "{x}.0\t{y}.0\t{u}\t{v}\t0.0\t0.0", "{x}.0\t{y}.0\t9.5\t1.5\t1.0\t0.0"),
+    "OpenPIV, masked": (["# x\ty\tu\tv\tflags\tmask"], "{x}.0\t{y}.0\t{u}\t{v}\t0.0\t0.0", "{x}.0\t{y}.0\t9.5\t1.5\t0.0\t1.0"),
+    "PIVlab, interpolated": (
+        ["PIVlab, ASCII chart output", "x [px],y [px],u [px/frame],v [px/frame],Vector type [-]"],
+        "{x},{y},{u},{v},1",
+        "{x},{y},9.5,1.5,2",
+    ),
+    "TSI Insight": (
+        ['TITLE="A" VARIABLES="X pixel", "Y pixel", "U pixel", "V pixel", "CHC", DATASETAUXDATA Application="PIV"', "ZONE I=4, J=3"],
+        "{x}, {y}, {u}, {v}, 1",
+        "{x}, {y}, 9.5, 1.5, -2",
+    ),
+    "spam": (["Zpos\tYpos\tXpos\tZdisp\tYdisp\tXdisp\treturnStatus"], "0\t{y}\t{x}\t0\t{v}\t{u}\t2", "0\t{y}\t{x}\t0\t9.5\t1.5\t-1"),
+    "DynamicStudio": (
+        [">>*HEADER*<<", ">>*DATA*<<", "x,y,x (pix)[pix],y (pix)[pix],x (mm)[mm],y (mm)[mm],U pix[pix],V pix[pix],U[m/s],V[m/s],Status"],
+        "0,1,{x},{y},0.5,0.2,{u},{v},0.1,0.2,0",
+        "0,1,{x},{y},0.5,0.2,NaN,NaN,0.1,0.2,0",
+    ),
+    "DaVis, zeros": (
+        ["x [px];y [px];Displacement x [px];Displacement y [px];Correlation value []"],
+        "{x};{y};{u};{v};0.9",
+        "{x};{y};0;0;0",
+    ),
+    "-9999": (["x,y,u,v"], "{x},{y},{u},{v}", "{x},{y},-9999,-9999"),
+    "999.999": (["x,y,u,v"], "{x},{y},{u},{v}", "{x},{y},{u},999.999"),
+    "1e+37": (["x,y,u,v"], "{x},{y},{u},{v}", "{x},{y},1e+37,1e+37"),
+    "-99": (["x,y,u,v"], "{x},{y},{u},{v}", "{x},{y},-99,-99"),
+    "-32768": (["x,y,u,v"], "{x},{y},{u},{v}", "{x},{y},-32768,{v}"),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_lost_points_of_many_programs_are_recognized(name: str) -> None:
+    head, found, lost = PROGRAMS[name]
+    rows = [
+        (lost if place == LOST else found).format(i=place + 1, x=x, y=y, u=f"{u:.2f}", v=f"{-u:.2f}")
+        for place, ((x, y), u) in enumerate(zip(POINTS, U, strict=True))
+    ]
+    rows = [row.replace(".", ",") for row in rows] if "commas" in name and "decimal" in name else rows
+    check(read(*head, *rows), LOST)
+
+
+@pytest.mark.parametrize("constant", ["3", "-1", "99", "-999"])
+def test_a_rigid_motion_is_no_mark_of_lost_points(constant: str) -> None:
+    table = read(NAMES, *(f"{x};{y};{constant};{constant}" for x, y in POINTS))
+    assert map_on(table, grid_of(table, 0), 0, 2).u_px.tolist() == [[float(constant)] * 4] * 3
+
+
+@pytest.mark.parametrize("decimals", [0, 1, 4])
+def test_rounded_displacements_and_a_crack_are_no_mark_of_lost_points(decimals: int) -> None:
+    y, x = np.mgrid[0:40, 0:50] * 5.0
+    noise = np.random.default_rng(5).normal(0.0, 0.02, (2, 40, 50))
+    for u in (0.01 * x, np.where(x > 100, 5.0, 0.0), 0.03 * (y - 80)):
+        assert doubtful_pair(*np.round((u + noise[0], 0.3 + noise[1]), decimals), np.ones(x.shape, dtype=bool)) is None
+
+
+@pytest.mark.parametrize(
+    "summary", [["Mean;;1.3;-1.3"], ["% end"], ["-----", "Mean;1.3"], ["", "Mean u = 1.3 px", "END"], ["Anzahl: 12;;;"]]
+)
 def test_a_summary_below_the_points_is_left_out(summary: list[str]) -> None:
     check(read(NAMES, *lines(), *summary))
 
@@ -131,6 +200,12 @@ def test_a_summary_below_the_points_is_left_out(summary: list[str]) -> None:
         ([NAMES, *lines()[:6], "Mean;;1.3;-1.3", *lines()[6:]], "line 8, column x: 'Mean' is not a number"),
         (["x;y;dx;dy;delta_x;delta_y", *(f"{line};0;0" for line in lines())], "column u may be 'dx' or 'delta_x'"),
         (["PK\x03\x04"], "is a spreadsheet"),
+        (["Units: mm", NAMES, *lines()], "line 2, column x: has no unit, but line 1 states 'mm'; export it in pixels"),
+        (
+            [f"{NAMES};valid", *(f"{line};1" for line in lines(lost="-9999"))],
+            "which marks a point that was not found, but valid marks it as found",
+        ),
+        (["# x;y;u;v;flags;mask", *(f"{line};0;0" for line in lines()[::-1])], "y decreases from line to line, so its axis points upward"),
     ],
 )
 def test_the_reason_is_true(text: list[str], reason: str) -> None:

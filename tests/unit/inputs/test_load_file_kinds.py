@@ -67,6 +67,15 @@ READ: dict[str, tuple[bytes, str, str]] = {
     "names twice": (utf8(f"Time;Force;Ext\nTime;Force;Ext\n{ROWS}"), "Force", "Ext"),
     "names of full width": (utf8(f"Ｔｉｍｅ;Ｆｏｒｃｅ;Ｅｘｔ\n{ROWS}"), "Force", "Ext"),
     "a remark that begins like an error value": (utf8(f"#Number of channels: 3\nTime;Force;Ext\n{ROWS}#Reference\n"), "Force", "Ext"),
+    "row names of R": (b'"Time" "Force" "Ext"\n"1" 0.1 133.1 0.4\n"2" 0.2 134.2 0.5\n', "Force", "Ext"),
+    "units with full names": (utf8("Time;Force [kilonewtons];Ext [microns]\n0,1;0,1342;500\n"), "Force", "Ext"),
+    "units of Russia": (utf8("Время;Сила, кН;Ход, мм\n0,1;0,1342;0,5\n").replace(b", ", b" / "), "Сила", "Ход"),
+    "numbers of channels": (
+        b"Scan,Time,101 <Force> (N),Alarm 101,102 <Ext> (mm),Alarm 102\n1,11/27/2026 10:15:30:123 PM,134.2,0,0.5,0\n",
+        "101 <Force>", "102 <Ext>",
+    ),
+    "a unit in each line": (b"Force;Unit;Ext\n134.1;N;0.4\n134.2;N;0.5\n", "Force", "Ext"),
+    "names and units repeated": (b"Time;Force;Ext\ns;kN;mm\n0,1;9;9\nTime;Force;Ext\ns;kN;mm\n0,1;0,1342;0,5\n", "Force", "Ext"),
     "half a line at the end": (b"Time,Force,Ext\n0.1,134.2,0.5\n0.2,9", "Force", "Ext"),
 }  # fmt: skip
 REFUSED: dict[str, tuple[bytes, str]] = {
@@ -95,6 +104,18 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "two units": (b"Time;Force [kN];Ext\ns;N;mm\n0,1;0,1342;0,5\n", "is in 'kN and N', which is not known"),
     "a factor below the names": (b"No;Force;Ext\n1;10^3 N;mm\n1;0,1342;0,5\n", "line 2: '10^3 N' below the names is neither a number nor"),
     "a summary": (utf8(f"Time;Force;Ext\n{ROWS}Mean;99,9;0,5\n"), "line 4 begins with 'Mean' and not with a number"),
+    "a name that may end in a unit": (b"Time;Force;Ext_in\n0,1;134,2;0,5\n", "there is no column 'Ext'"),
+    "tonnes or time": (b"Time;Force (t);Ext\n0,1;134,2;0,5\n", "column 'Force (t)' may be in 't'; state its unit in the settings"),
+    "a unit in a title": (b"Force unit: kN\nTime;Force;Ext\n0,1;0,1342;0,5\n", "column 'Force' has no unit, but line 1 states 'kN'"),
+    "a unit in a list of the columns": (b"# 1: Time [s]\n# 2: Force [kN]\nTime;Force;Ext\n0,1;0,1342;0,5\n", "but line 2 states 'kN'"),
+    "no value of an instrument": (b"Force;Ext\n134.2;0.5\n+9.91E+37;0.5\n", "which is no reading but a lost value"),
+    "a unit of each channel": (
+        b"Separator\tTab\nY_Unit_Label\tkN\tmm\t\n***End_of_Header***\nTime\tForce\tExt\n0.1\t0.1342\t0.5\n",
+        "but line 2 states 'kN'",
+    ),
+    "a unit in each line": (b"Force;Unit;Ext\n134.2;N;0.5\n0.1342;kN;0.5\n", "line 3 holds '0.1342' in column Force next to the unit kN"),
+    "another unit below": (b"Time;Force;Ext\ns;N;mm\n0,1;9;9\ns;kN;mm\n0,1;0,1342;0,5\n", "holds 's;kN;mm' below other names or units"),
+    "another order below": (b"Time;Force;Ext\n0,1;9;9\nTime;Ext;Force\n0,1;0,5;134,2\n", "holds 'Time;Ext;Force' below other names"),
     "a cell missing": (b"Time,Force,Ext\n0.1,134.2\n", "has 2 cells under 3 names"),
 }  # fmt: skip
 
@@ -129,6 +150,47 @@ def test_the_check_before_a_run_predicts_what_the_run_does(name: str, tmp_path: 
     finding = check_load_file("load_file", settings, HandClock(0))
     assert finding.verdict is (Verdict.OK if name in READ else Verdict.FAILED)
     assert ("force 134.2 N, extension 0.5 mm" if name in READ else REFUSED[name][1]) in finding.observation
+
+
+@pytest.mark.parametrize("name", ["Force-kN", "kN Force", "ForcekN", "Force lb", "Load (kN) cell 1", "Force=kN"])
+def test_a_unit_in_a_name_is_not_ignored(name: str, tmp_path: Path) -> None:
+    """Kilonewtons were read as newtons."""
+    with pytest.raises(LinkError, match=r"may be in '(kN|lb)'; state its unit"):
+        opened(tmp_path / "load.csv", f"Time;{name};Ext\n0,1;0,1342;0,5\n".encode(), name)
+    given = CsvSettings.model_validate({"file": tmp_path / "load.csv", "force": {"column": name, "unit": "kN"}})
+    assert CsvLoadFile(given, HandClock(0)).read().force_n == pytest.approx(134.2)
+
+
+@pytest.mark.parametrize(
+    ("head", "cell", "strain"),
+    [
+        ("Strain (um/m)", "1500", 1.5e-3),
+        ("Strain [mm/mm]", "0.0015", 1.5e-3),
+        ("Strain (-)", "0.0015", 1.5e-3),
+        ("Strain (ustrain)", "9.91E+37", None),
+        ("Strain (ustrain)", "9999999", None),
+        ("Strain", "1500", "which is no strain; state its unit"),
+        ("Strain_%", "0.15", "may be in '%'; state its unit"),
+    ],
+)
+def test_a_gage_is_read_in_its_unit_or_refused(head: str, cell: str, strain: float | str | None, tmp_path: Path) -> None:
+    path = tmp_path / "gage.csv"
+    path.write_text(f"Force;{head}\n134.2;{cell}\n", encoding="utf-8")
+    column = head if head == "Strain_%" else "Strain"
+    settings = CsvSettings.model_validate({"file": path, "force": {"column": "Force"}, "gage": {"column": column}})
+    if isinstance(strain, str):
+        with pytest.raises(LinkError, match=strain):
+            CsvLoadFile(settings, HandClock(0)).read()
+    else:
+        assert CsvLoadFile(settings, HandClock(0)).read().gage_strain == (None if strain is None else pytest.approx(strain))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_other_names_below_are_found_in_the_middle_of_a_long_file(encoding: str, tmp_path: Path) -> None:
+    rows = "0,1;134,2;0,5\n" * 6000
+    text = f"Time;Force;Ext\n{rows}Time;Ext;Force\n{rows}"
+    with pytest.raises(LinkError, match="holds 'Time;Ext;Force' below other names or units"):
+        opened(tmp_path / "load.csv", text.encode(encoding))
 
 
 def test_a_file_without_numbers_is_open_before_a_run(tmp_path: Path) -> None:
