@@ -23,6 +23,8 @@ from semlive.service.log.tail import LogTail
 from ..waiting import wait_until
 
 RATE = 20.0
+WATCHDOG = 2
+"""Reason of a fault in register 300 of the bench: its watchdog expired."""
 SCENARIO = """
 extends: paper_x200
 scan: {width_px: 320, height_px: 276, frame_time_s: 9.4}
@@ -93,10 +95,18 @@ class Instrument:
 
     def load_frame_status(self) -> int:
         """Motion status of the load frame: 0 stopped, 1 moving, 2 in fault."""
+        return self._input_register(3)
+
+    def load_frame_at_rest(self) -> bool:
+        """Whether the load frame is stopped, if only by its watchdog, which expires 2 s after the last heartbeat of a run."""
+        status = self.load_frame_status()
+        return status == 0 or (status == 2 and self._input_register(300) == WATCHDOG)
+
+    def _input_register(self, address: int) -> int:
         client = ModbusTcpClient(self.bench["host"], port=self.bench["port"], timeout=20, retries=0)
         assert client.connect()
         try:
-            return client.read_input_registers(3, count=1, device_id=self.bench["unit"]).registers[0]
+            return client.read_input_registers(address, count=1, device_id=self.bench["unit"]).registers[0]
         finally:
             client.close()
 

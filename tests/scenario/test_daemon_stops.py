@@ -49,7 +49,7 @@ def test_ctrl_c_stops_the_frame_and_finishes_the_log(
     code, printed = finish(process)
     assert code == 1, printed
     assert "Traceback" not in printed
-    wait_until(lambda: one.load_frame_status() == 0, 2.0)
+    wait_until(one.load_frame_at_rest, 2.0)
     (segment,) = one.log.glob("*.mcap")
     with segment.open("rb") as stream:
         last = [json.loads(message.data) for _, _, message in make_reader(stream).iter_messages(topics=["/state"])][-1]
@@ -68,7 +68,7 @@ def test_ctrl_c_while_starting_prints_no_traceback(instrument: Callable[..., Any
     # On a busy computer Python may not have come to a line of ours yet; then it answers itself, with files of its own.
     of_ours = [line for line in printed.splitlines() if 'File "' in line and '"<frozen ' not in line]
     assert "Traceback" not in printed or not of_ours, printed
-    assert one.load_frame_status() == 0
+    assert one.load_frame_at_rest()
     assert not list(one.log.glob("*.part"))
 
 
@@ -110,7 +110,7 @@ def test_ctrl_c_takes_effect_at_every_stage_of_starting(instrument: Callable[...
     assert "Traceback" not in printed
     assert not logged(one.log, "/pair")
     assert {transition["after"] for transition in logged(one.log, "/state")} <= {"connecting", "stopping", "aborted"}
-    assert one.load_frame_status() == 0
+    assert one.load_frame_at_rest()
     assert not list(one.log.glob("*.part"))
 
 
