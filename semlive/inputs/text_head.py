@@ -240,14 +240,21 @@ def with_row_names(columns: tuple[Column, ...], rows: Rows, lines: Sequence[str]
     """Return the columns with one for the names of rows, which R writes (``write.table``) without a name in the head.
 
     R writes names in quotes and numbers without. Numbers that begin the lines without quotes may also be those of the first name, and a
-    cell without a name the last. Between commas, a decimal point shows that none of the commas is a decimal sign.
+    cell without a name the last. Between commas, a decimal point shows that none of the commas is a decimal sign. Lines that end with the
+    separator may have no names, and one line alone may have gained a cell; of R it begins with "1".
     """
+    if any(lines[number - 1].rstrip(" \r\n").endswith(separator) for number, _ in rows) or (len(rows) == 1 and rows[0][1][:1] != ["1"]):
+        return columns
     if separator == "," and not any(sign_of(cell) is Sign.POINT for _, cells in rows for cell in cells):
         return columns
     if not head_line or not rows or {len(cells) for _, cells in rows} != {len(columns) + 1} or not _is_in_quotes(lines[head_line - 1]):
         return columns
     matches = [_ROW_NAME.fullmatch(lines[number - 1]) for number, _ in rows]
-    names = {match[1] for match in matches if match is not None and not any(map(_is_number, _QUOTED.findall(match[2])))}
+    names = {
+        match[1]
+        for match in matches
+        if match is not None and not any(_is_number(cell) or is_lost(cell) for cell in _QUOTED.findall(match[2]))
+    }
     return (Column("", "", ""), *columns) if len(names) == len(rows) else columns
 
 

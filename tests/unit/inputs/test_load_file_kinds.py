@@ -116,6 +116,8 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "a unit in each line": (b"Force;Unit;Ext\n134.2;N;0.5\n0.1342;kN;0.5\n", "line 3 holds '0.1342' in column Force next to the unit kN"),
     "another unit below": (b"Time;Force;Ext\ns;N;mm\n0,1;9;9\ns;kN;mm\n0,1;0,1342;0,5\n", "holds 's;kN;mm' below other names or units"),
     "another order below": (b"Time;Force;Ext\n0,1;9;9\nTime;Ext;Force\n0,1;0,5;134,2\n", "holds 'Time;Ext;Force' below other names"),
+    "one line that ends with a separator": (b'"Force"\t"Ext"\r\n"7.8"\t""\t\r\n', "has 3 cells under 2 names"),
+    "one line with a cell too many": (b'"Force"\t"Ext"\n"7.8"\t134.2\t0.5\n', "has 3 cells under 2 names"),
     "a cell missing": (b"Time,Force,Ext\n0.1,134.2\n", "has 2 cells under 3 names"),
 }  # fmt: skip
 
