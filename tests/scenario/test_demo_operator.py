@@ -21,7 +21,7 @@ from semlive.service.log.files import messages
 
 MOVE = re.compile(r"move the specimen about .*?then press enter", re.DOTALL)
 LOAD = re.compile(r"bring the load to ([\d.]+) N at .*?press enter when it is there", re.DOTALL)
-PAGE = re.compile(r"live page: http://([\d.]+):(\d+)/#token=(\w+)")
+PAGE = re.compile(r"live page: http://([\d.]+):(\d+)/#token=([\w-]+)")
 LAST_QUESTION = re.compile(rb'"question": ?"(terminal\.\d+)", ?"text": ?"[^"]*load to 300 N')
 """The page may be seconds behind the terminal and show the question before it."""
 COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
@@ -81,6 +81,7 @@ class Person:
         page.request("POST", "/say", json.dumps({"question": self._question, "answer": line}), headers)
         reply = page.getresponse()
         self.page_replies.append((reply.status, reply.read().decode()))
+        assert reply.status in (200, 409), self.page_replies
         page.close()
 
     def rehearse(self) -> str:
