@@ -72,6 +72,7 @@ IMPORTED = {
     "bench_row_start": "needs tables that are not in the repository",
     "bench_row_channel": "a diagnosis of 17 s",
     "bench_sandbox": "needs systemd",
+    "bench_scan_channels": "needs images that are not in the repository",
     "bench_second_proof": "three runs of the simulator",
     "bench_share": "needs Samba",
     "bench_start_times": "two experiments of a minute",
