@@ -10,15 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive.inputs.lost_numbers import MIN_SENTINEL, SINGLE_PRECISION, USUAL
+
 Values, Points = NDArray[np.float64], NDArray[np.bool_]
-MIN_SENTINEL = 99.0
-_NINES = {(10**digits - 1) / 10**decimals for digits in range(2, 7) for decimals in range(4)}
-_LIMITS_OF_INTEGERS = (32767.0, 32768.0, 65535.0)
-_USUAL = (*sorted(value for value in _NINES if value >= MIN_SENTINEL), *_LIMITS_OF_INTEGERS)
-"""Absolute values; 99 and more with nines only, and the ends of 16-bit integers."""
 _IMPOSSIBLE_PX = 1e6
 """No image has so many columns, so 1e10, 1e+37 and the end of 32-bit integers are included."""
-_SINGLE_PRECISION = 1e-7
 MIN_DISTANCE_PX = 10.0
 MIN_POINTS = 3
 """Points with one pair of numbers; two outliers may have the same pair by chance."""
@@ -57,8 +53,8 @@ def _is_usual(values: Values) -> Points:
     size = np.abs(values)
     usual = (size >= _IMPOSSIBLE_PX) & np.isfinite(size)
     if (size >= MIN_SENTINEL).any():
-        for number in _USUAL:
-            usual |= np.abs(size - number) <= _SINGLE_PRECISION * number
+        for number in USUAL:
+            usual |= np.abs(size - number) <= SINGLE_PRECISION * number
     return usual
 
 
