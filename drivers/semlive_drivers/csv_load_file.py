@@ -10,6 +10,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from semlive.errors import BadInput, LinkError, LinkRefused
+from semlive.inputs.lost_numbers import is_no_reading
 from semlive.inputs.text_number import Sign, sign_of
 from semlive.inputs.text_table import AmbiguousTable, Convention, key_of, number_in
 from semlive.inputs.text_table import Column as HeadColumn
@@ -18,11 +19,12 @@ from semlive_drivers.column_units import KINDS, unit_factor, unit_next_to
 from semlive_drivers.device_part import PartCommand, PartReading
 from semlive_drivers.growing_table import GrowingTable, NewestLine
 from semlive_drivers.settings import checked
+from semlive_drivers.unit_words import is_unit_or_factor
 from semlive_drivers.units import factor
 
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(?:['\u2019 \u00a0\u202f.,][0-9]{2,3})+(?:[.,][0-9]*)?")
-_MIN_OVERLOAD = 1e30
-"""Measuring instruments return 9.9E+37 for an overload and 9.91E+37 for no value (SCPI 1999); no force or length has such a number."""
+_MIN_OVERLOAD = 1e6
+"""N or mm; no load frame at a microscope has so much. Instruments return 9.9E+37 for an overload, 9.91E+37 for no value (SCPI 1999)."""
 _MAX_GAGE_STRAIN = 0.25
 """No strain gage measures more; 125 without a unit is in microstrain."""
 
@@ -208,7 +210,7 @@ class CsvLoadFile:
             column: Column | None = getattr(self._settings, kind)
             if column is not None:
                 index = _index_of(column, columns)
-                found.append(_TableColumn(kind, column, index, column.scale * unit_factor(kind, column.stated_unit, columns[index])))
+                found.append(_TableColumn(kind, column, index, column.scale * unit_factor(kind, column.stated_unit, columns, index)))
         return found
 
 
@@ -236,6 +238,10 @@ def _check_unit_in_line(column: _TableColumn, newest: NewestLine) -> None:
         LinkError: if that unit differs from the one of the column.
     """
     unit = unit_next_to(newest.cells, column.index)
+    behind = (*newest.cells, "")[column.index + 1]
+    if not unit and column.column.stated_unit is None and not behind[:1].isdigit() and is_unit_or_factor(column.kind, behind):
+        where = f"{newest.path}: {newest.line} holds {newest.cells[column.index][:40]!r} in column {column.column.column}"
+        raise LinkError(f"{where} next to {behind[:20]!r}, which may be its unit; state it in the settings")
     if unit not in KINDS[column.kind] or unit == "1":
         return
     size = factor(unit, "csv column")
@@ -254,7 +260,7 @@ def _value(column: _TableColumn, newest: NewestLine) -> float | None:
     number = number_in(text, newest.layout.decimal)
     if number is not None and column.kind == "gage" and abs(number * column.factor) > _MAX_GAGE_STRAIN:
         return _no_strain(column, newest)
-    if number is not None and abs(number) < _MIN_OVERLOAD:
+    if number is not None and abs(number * column.factor) < _MIN_OVERLOAD and not is_no_reading(number):
         return number * column.factor
     if column.kind == "gage" and (number is not None or not any(letter.isdigit() for letter in text)):
         return None

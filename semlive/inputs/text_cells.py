@@ -22,6 +22,7 @@ _CONTROL = re.compile("[\x00-\x08\x0e-\x1f]")
 _DECLARED = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 TOKEN = re.compile(r'"(?:[^"]|"")*"|\S+')
 """A cell of a line that is split at blanks."""
+_OTHER_BRACKETS = str.maketrans("【「『〔〈《⟨⟦«‹」】』〕〉》⟩⟧»›", "[" * 10 + "]" * 10)
 _BRACKET = re.compile(r"(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _UNIT_TWICE = re.compile(r"([(\[](\w+)[)\]])\s*[(\[]\2[)\]]", re.IGNORECASE)
 """The same unit in two pairs of brackets, as Dantec DynamicStudio writes it: ``x (pix)[pix]``."""
@@ -67,12 +68,14 @@ class Column:
         name: without its unit.
         unit: from brackets after the name, after a slash, or from a line of units; empty without one.
         title_units: numbers and units of lines above the names that state units, such as ``Units: kN``, for a column without a unit.
+        titles: numbers and texts of the lines above the first line of numbers, without the lines of names and units.
     """
 
     raw: str
     name: str
     unit: str
     title_units: tuple[tuple[int, str], ...] = ()
+    titles: tuple[tuple[int, str], ...] = ()
 
     @property
     def key(self) -> str:
@@ -278,7 +281,9 @@ def joined_units(names: Sequence[str]) -> list[str]:
 
 
 def _column(raw: str) -> Column:
-    plain = _UNIT_TWICE.sub(r"\1", unicodedata.normalize("NFKC", raw))  # brackets and wide letters of Chinese and Japanese texts
+    plain = _UNIT_TWICE.sub(
+        r"\1", unicodedata.normalize("NFKC", raw).translate(_OTHER_BRACKETS)
+    )  # brackets and wide letters of Chinese and Japanese texts
     if plain.strip("[]() ").casefold() in _UNITS_OF_READINGS:
         return Column(raw, raw, plain.strip("[]() "))
     for pattern in (_BRACKET, _SLASH, _AFTER_COMMA, _FINAL_UNIT):

@@ -180,6 +180,21 @@ def with_title_units(columns: tuple[Column, ...], lines: Sequence[str], head: in
     return tuple(column if column.unit else replace(column, title_units=own) for column, own in zip(columns, units, strict=True))
 
 
+def with_titles(
+    columns: tuple[Column, ...], lines: Sequence[str], head_line: int, data_from: int, rows: Rows, separator: str
+) -> tuple[Column, ...]:
+    """Return the columns with the lines above the first line of numbers, without those of names and of units below them.
+
+    Directly above numbers without names, a line with as many cells is one of names that were refused for another reason.
+    """
+    first = rows[0][0] - 1 if rows and head_line else data_from
+    head = range(head_line - 1, data_from) if head_line else ()
+    titles = [(place + 1, line) for place, line in enumerate(lines[:first]) if place not in head and line.strip()]
+    if not head_line and titles and len(_cells(titles[-1][1], separator)) == len(columns):
+        titles = titles[:-1]
+    return tuple(replace(column, titles=tuple(titles)) for column in columns) if titles else columns
+
+
 def with_units_above(columns: tuple[Column, ...], lines: Sequence[str], head: int, separator: str) -> tuple[Column, ...]:
     """Return the columns with the units of a line of texts directly above the names, if one of them is a known unit."""
     cells = _cells(lines[head - 1], separator) if head > 0 else []

@@ -26,6 +26,10 @@ class AmbiguousTable(BadInput):
     """A table with two possible meanings; the message contains both."""
 
 
+class UnclearUnit(BadInput):
+    """A column without a unit in a table whose titles state another unit than the usual one; no other layout changes this."""
+
+
 @dataclass(frozen=True, slots=True)
 class Convention:
     """Known parts of the layout of a table; empty parts are detected.

@@ -54,11 +54,12 @@ from semlive.inputs.text_head import (
     separator_above,
     with_row_names,
     with_title_units,
+    with_titles,
     with_units,
     with_units_above,
     without_trailing,
 )
-from semlive.inputs.text_layout import SEPARATOR_NAMES, AmbiguousTable, Convention, Layout, two_separators, wide_spans
+from semlive.inputs.text_layout import SEPARATOR_NAMES, AmbiguousTable, Convention, Layout, UnclearUnit, two_separators, wide_spans
 from semlive.inputs.text_number import Sign, is_whole, number_in, sign_of
 
 __all__ = [
@@ -70,6 +71,7 @@ __all__ = [
     "ColumnSelector",
     "Convention",
     "Layout",
+    "UnclearUnit",
     "decoded",
     "encoding_of",
     "is_blank",
@@ -215,7 +217,7 @@ def _readings(
         raise Misfit(DEFINITE, AmbiguousTable(message))
     rows = number_rows(lines, data_from, separator)
     columns = without_trailing(columns, rows, lines, separator)
-    columns = with_title_units(columns, lines, start)
+    columns = with_titles(with_title_units(columns, lines, start), lines, head_line, data_from, rows, separator)
     columns = with_row_names(columns, rows, lines, head_line, separator) if by_name else columns
     try:
         places = select(columns)
@@ -227,6 +229,8 @@ def _readings(
             message = f"{at}: holds numbers without names; write a line above it that names the columns."
             raise Misfit(_NO_NAMES, BadInput(message)) from error
         message = f"{where}: {str(error).replace('{head}', f'line {head_line or start + 1}')}"
+        if isinstance(error, UnclearUnit):
+            raise Misfit(DEFINITE, BadInput(message)) from error
         raise Misfit(_weight(columns, rows) if head_line else 0, BadInput(message)) from error
     spans = wide_spans(lines[number - 1] for number, _ in rows) if separator == " " else ()
     layout = Layout(where, separator, given.decimal, columns, places, head_line, data_from + 1, spans)

@@ -120,8 +120,10 @@ def _check_repeated(table: DisparityTable, place: NDArray[np.int64], u: Field, v
     """
     doubtful = doubtful_pair(u, v, valid)
     if doubtful is not None:
-        first = int(np.flatnonzero(doubtful[0].ravel()[place])[0])
-        moved = f"moved by exactly ({table.u_px[first]:g}, {table.v_px[first]:g}) px"
+        points = np.flatnonzero(doubtful[0].ravel()[place])
+        first = int(points[0])
+        pairs = set(zip(table.u_px[points], table.v_px[points], strict=True))
+        moved = f"moved by exactly ({table.u_px[first]:g}, {table.v_px[first]:g}) px" if len(pairs) == 1 else "have exactly 0 as u or as v"
         problem = f"{int(doubtful[0].sum())} points {moved}, and all points around them by {doubtful[1]:.3g} px less or more"
         raise table.error(first, 2, problem, f"mark with the column {table.dialect.mark} which points were not found")
 

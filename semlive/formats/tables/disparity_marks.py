@@ -24,7 +24,7 @@ FOUND_AT = {"vectortype": 1.0, "typevector": 1.0, "chc": 1.0, "returnstatus": 2.
 convergence, below 1 other failures)."""
 OPENPIV = ("flags", "mask")
 """Two columns that OpenPIV writes: 1 where a displacement was replaced by those around it, and where a point is masked out."""
-CORRELATION = ("correlation", "correlationvalue", "correlationcoefficient", "corr", "corrcoeff", "corrcoef", "cc", "ncc", "zncc")
+CORRELATION = ("correlation", "correlationvalue", "correlationcoefficient", "corr", "corrcoeff", "corrcoef", "cc", "ncc", "zncc", "quality")
 """Columns whose zero next to zero displacement marks a point that was not found; texts in them are no marks."""
 SPELLINGS = {
     **dict.fromkeys(

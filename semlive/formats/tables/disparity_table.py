@@ -30,8 +30,9 @@ from semlive.errors import BadInput
 from semlive.formats.tables.disparity_columns import LENGTHS, TableDialect, columns_in, dialect_of, places_of
 from semlive.formats.tables.disparity_marks import CORRELATION, MARKS, OPENPIV, TEXT_MARKS, mark_in, points_found
 from semlive.formats.tables.map_lines import map_lines
-from semlive.formats.tables.sentinels import MIN_SENTINEL, sentinels_in
+from semlive.formats.tables.sentinels import sentinels_in
 from semlive.formats.tables.torn_line import check_last_line
+from semlive.inputs.lost_numbers import MIN_SENTINEL
 from semlive.inputs.text_table import (
     LONGEST_LINE,
     SEPARATORS,

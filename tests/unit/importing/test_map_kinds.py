@@ -169,6 +169,16 @@ def test_a_rigid_motion_is_no_mark_of_lost_points(constant: str) -> None:
     assert map_on(table, grid_of(table, 0), 0, 2).u_px.tolist() == [[float(constant)] * 4] * 3
 
 
+@pytest.mark.parametrize("lost", ["-1;-1", "0;{v}", "{u};0", "-5;-5"])
+def test_a_mark_at_a_single_point_is_refused(lost: str) -> None:
+    rows = lines()
+    x, y, u, v = rows[LOST].split(";")
+    rows[LOST] = f"{x};{y};{lost.format(u=u, v=v)}"
+    table = read(NAMES, *rows)
+    with pytest.raises(BadInput, match=r"line 7, column u: 1 points moved by exactly"):
+        map_on(table, grid_of(table, 0), 0, 2)
+
+
 @pytest.mark.parametrize("decimals", [0, 1, 4])
 def test_rounded_displacements_and_a_crack_are_no_mark_of_lost_points(decimals: int) -> None:
     y, x = np.mgrid[0:40, 0:50] * 5.0

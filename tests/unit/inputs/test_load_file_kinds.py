@@ -76,6 +76,10 @@ READ: dict[str, tuple[bytes, str, str]] = {
     ),
     "a unit in each line": (b"Force;Unit;Ext\n134.1;N;0.4\n134.2;N;0.5\n", "Force", "Ext"),
     "names and units repeated": (b"Time;Force;Ext\ns;kN;mm\n0,1;9;9\nTime;Force;Ext\ns;kN;mm\n0,1;0,1342;0,5\n", "Force", "Ext"),
+    "brackets of Japan": (utf8("時間【s】;荷重【kN】;変位「mm」\n0,1;0,1342;0,5\n"), "荷重", "変位"),
+    "a legend in N": (utf8(f"Ch2: Force [N], 5 kN load cell\nPreload: 0.01 kN, 0.1 kN/s\n# kN-steel\nTime;Force;Ext\n{ROWS}"),
+        "Force", "Ext",
+    ),
     "half a line at the end": (b"Time,Force,Ext\n0.1,134.2,0.5\n0.2,9", "Force", "Ext"),
 }  # fmt: skip
 REFUSED: dict[str, tuple[bytes, str]] = {
@@ -118,6 +122,12 @@ REFUSED: dict[str, tuple[bytes, str]] = {
     "another order below": (b"Time;Force;Ext\n0,1;9;9\nTime;Ext;Force\n0,1;0,5;134,2\n", "holds 'Time;Ext;Force' below other names"),
     "one line that ends with a separator": (b'"Force"\t"Ext"\r\n"7.8"\t""\t\r\n', "has 3 cells under 2 names"),
     "one line with a cell too many": (b'"Force"\t"Ext"\n"7.8"\t134.2\t0.5\n', "has 3 cells under 2 names"),
+    "a unit between the names": (b"Time Force kN\n0.1 134.2 0.5\n", "'kN' between the names may be the unit of column 'Force'"),
+    "a unit unknown in each line": (b"Force;Unit;Ext\n0.1342;klbf;0.5\n", "next to 'klbf', which may be its unit"),
+    "a number of nines": (b"Time;Force;Ext\n0,1;-9999;0,5\n", "holds '-9999' in column Force, which is no reading but a lost value"),
+    "six nines": (b"Time;Force;Ext\n0.1;999.999;0.5\n", "which is no reading but a lost value"),
+    "an extension that is lost": (b"Time;Force;Ext\n0.1;134.2;-32768\n", "'-32768' in column Ext, which is no reading but a lost value"),
+    "an impossible load": (b"Time;Force;Ext\n0.1;1e+10;0.5\n", "which is no reading but a lost value"),
     "a cell missing": (b"Time,Force,Ext\n0.1,134.2\n", "has 2 cells under 3 names"),
 }  # fmt: skip
 
@@ -163,6 +173,50 @@ def test_a_unit_in_a_name_is_not_ignored(name: str, tmp_path: Path) -> None:
     assert CsvLoadFile(given, HandClock(0)).read().force_n == pytest.approx(134.2)
 
 
+OTHER_NAMES = """
+Force/10N|Force x10 N|F*1e3|Load 10^3 N|Load 10³ N|Force 10 N|Force/100|Force e3|Force x10 (N)|Force (N)/10
+Force thousand N|Force klbf|Force_tf
+FkN|FORCEKN|荷重kN|荷重キロニュートン|力 千牛|Сила кгс
+Force V|Force mV/V|Force counts|raw_force|Force % FS|Force ‰|Force kilo-newton|Force cN
+"""
+
+
+@pytest.mark.parametrize("name", OTHER_NAMES.strip().replace("\n", "|").split("|"))
+def test_a_factor_or_another_unit_in_a_name_is_refused(name: str, tmp_path: Path) -> None:
+    """Each was read as N."""
+    with pytest.raises(LinkError, match=r"may be in '.+'; state its unit in the settings"):
+        opened(tmp_path / "load.csv", f"Time\t{name}\tExt\n0.1\t134.2\t0.5\n".encode(), name)
+
+
+LEGENDS = """
+Channel 2 Force kN|Ch1: Load [kN]|Col 2 = Force, kN|Channel 2 kN|2) kN|y: kN|Kraft Einheit kN
+荷重 kN|力【kN】|Сила, кН
+Force in KN|kN|Force: klbf
+Load kp|Force tf|Force daN|force mn|Force [μN]|Load: t|Force (10³ N)|Force x1000 N|Force/10 N|Force/N*10|Force scale 1000
+Ch 2: V|Load counts
+Load in percent|%FS of load|Force ‰|Units: s / kN / mm|Force; kilonewtons
+"""
+
+
+@pytest.mark.parametrize("legend", LEGENDS.strip().replace("\n", "|").split("|"))
+@pytest.mark.parametrize("head", ["{}\n# 7\nTime\tForce\tExt\n", "Time\tForce\tExt\n# {}\n"])
+def test_a_unit_in_a_legend_is_refused(legend: str, head: str, tmp_path: Path) -> None:
+    """Each was read as N."""
+    with pytest.raises(LinkError, match=r"column 'Force' has no unit, but line [12] states '.+'"):
+        opened(tmp_path / "load.csv", (head.format(legend) + "0.1\t134.2\t0.5\n" * 4).encode())
+
+
+@pytest.mark.parametrize("legend", ["Ext [um]", "Channel 3: µm", "Ext, %", "Ext in ustrain", "Col 3 Ext inch", "Ext x10 mm"])
+def test_a_unit_of_extension_in_a_legend_is_refused(legend: str, tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match="column 'Ext' has no unit, but line 1 states"):
+        opened(tmp_path / "load.csv", f"{legend}\nTime\tForce\tExt\n0.1\t134.2\t0.5\n".encode())
+
+
+@pytest.mark.parametrize("legend", ["10/12/2026 N", "Load cell 2 mV/V", "Mass 20 g", "E 210 kN/mm2", "C:/data/10/N/a.csv", "Fe-Mn 22"])
+def test_a_quantity_above_the_names_is_no_unit(legend: str, tmp_path: Path) -> None:
+    assert opened(tmp_path / "load.csv", f"{legend}\nTime\tForce\tExt\n0.1\t134.2\t0.5\n".encode()).read().force_n == 134.2
+
+
 @pytest.mark.parametrize(
     ("head", "cell", "strain"),
     [
@@ -171,6 +225,8 @@ def test_a_unit_in_a_name_is_not_ignored(name: str, tmp_path: Path) -> None:
         ("Strain (-)", "0.0015", 1.5e-3),
         ("Strain (ustrain)", "9.91E+37", None),
         ("Strain (ustrain)", "9999999", None),
+        ("Strain (ustrain)", "-9999", None),
+        ("Strain counts", "0.15", "may be in 'counts'"),
         ("Strain", "1500", "which is no strain; state its unit"),
         ("Strain_%", "0.15", "may be in '%'; state its unit"),
     ],
@@ -178,7 +234,7 @@ def test_a_unit_in_a_name_is_not_ignored(name: str, tmp_path: Path) -> None:
 def test_a_gage_is_read_in_its_unit_or_refused(head: str, cell: str, strain: float | str | None, tmp_path: Path) -> None:
     path = tmp_path / "gage.csv"
     path.write_text(f"Force;{head}\n134.2;{cell}\n", encoding="utf-8")
-    column = head if head == "Strain_%" else "Strain"
+    column = head if head in ("Strain_%", "Strain counts") else "Strain"
     settings = CsvSettings.model_validate({"file": path, "force": {"column": "Force"}, "gage": {"column": column}})
     if isinstance(strain, str):
         with pytest.raises(LinkError, match=strain):
