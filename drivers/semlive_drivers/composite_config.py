@@ -11,10 +11,10 @@ from pydantic import BaseModel, ConfigDict
 from semlive.data.checks import Finding
 from semlive.errors import BadConfig, LinkError, SemliveError
 from semlive.ports import ClockSource
-from semlive_drivers import csv_load_file
 from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings, compose
 from semlive_drivers.device_part import Part
-from semlive_drivers.load_file_check import check_load_file
+from semlive_drivers.load_file import part as csv_load_file
+from semlive_drivers.load_file.check import check_load_file
 from semlive_drivers.modbus import part as modbus
 from semlive_drivers.settings import checked
 from semlive_drivers.text import part as text

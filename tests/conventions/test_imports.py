@@ -56,7 +56,7 @@ BREAKS = [
     ("drivers", "drivers/semlive_drivers/modbus/broken.py", "import semlive.service"),
     ("drivers", "drivers/semlive_drivers/broken.py", "import semlive_simulators"),
     ("drivers", "drivers/semlive_drivers/broken.py", "import semlive.process_lock"),
-    ("drivers", "drivers/semlive_drivers/csv_load_file.py", "import semlive.formats.images.frames"),
+    ("drivers", "drivers/semlive_drivers/load_file/part.py", "import semlive.formats.images.frames"),
     ("layers", "semlive/process_lock.py", "import semlive.ports"),
     ("light-control", "semlive/service/control/broken.py", "import semlive.estimate"),
     ("light-control", "semlive/service/device_link/broken.py", "import scipy.linalg"),

@@ -31,8 +31,8 @@ from semlive.service.config.checks import CONFIRMABLE
 from semlive.service.config.model_section import ModelSection
 from semlive_drivers.composite_config import AssembledSettings
 from semlive_drivers.composite_load_frame import FrameSettings
-from semlive_drivers.csv_load_file import Column, CsvSettings
 from semlive_drivers.load_approach import ApproachSettings
+from semlive_drivers.load_file.part import Column, CsvSettings
 from semlive_drivers.microscope.autoscript import AutoScriptSettings
 from semlive_drivers.microscope.sharksem.trigger import SharkSemSettings
 from semlive_drivers.microscope.smartsem import SmartSemSettings

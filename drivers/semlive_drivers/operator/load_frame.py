@@ -15,9 +15,9 @@ from semlive.data.checks import Finding
 from semlive.data.loading import MotionState
 from semlive.ports import ClockSource, ResponseType
 from semlive_drivers.composite_load_frame import CompositeLoadFrame, FrameSettings, compose
-from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
 from semlive_drivers.device_part import Part, PartCommand, PartReading, Stops
-from semlive_drivers.load_file_check import check_load_file
+from semlive_drivers.load_file.check import check_load_file
+from semlive_drivers.load_file.part import CsvLoadFile, CsvSettings
 from semlive_drivers.modbus import load_frame as modbus
 from semlive_drivers.operator.console import TERMINAL, Console
 from semlive_drivers.operator.rehearsal import RehearsedLoadFrame

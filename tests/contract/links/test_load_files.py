@@ -11,7 +11,7 @@ import pytest
 
 from semlive.errors import LinkError, LinkRefused
 from semlive_drivers.composite_config import open_load_frame
-from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
+from semlive_drivers.load_file.part import CsvLoadFile, CsvSettings
 
 from ...clocks import MonotonicClock
 

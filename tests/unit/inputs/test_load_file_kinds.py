@@ -8,8 +8,8 @@ import pytest
 
 from semlive.data.checks import Verdict
 from semlive.errors import LinkError
-from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
-from semlive_drivers.load_file_check import check_load_file
+from semlive_drivers.load_file.check import check_load_file
+from semlive_drivers.load_file.part import CsvLoadFile, CsvSettings
 
 from ...clocks import HandClock
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from semlive.data.checks import Finding, Verdict
 from semlive.errors import LinkError
 from semlive.ports import ClockSource
-from semlive_drivers.csv_load_file import CsvLoadFile, CsvSettings
 from semlive_drivers.device_part import PartReading
+from semlive_drivers.load_file.part import CsvLoadFile, CsvSettings
 
 _VALUES = {"force_n": "force {:g} N", "extension_mm": "extension {:g} mm", "gage_strain": "gage {:g}"}
 

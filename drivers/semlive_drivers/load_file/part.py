@@ -15,11 +15,11 @@ from semlive.inputs.text_number import Sign, sign_of
 from semlive.inputs.text_table import AmbiguousTable, Convention, key_of, number_in
 from semlive.inputs.text_table import Column as HeadColumn
 from semlive.ports import ClockSource
-from semlive_drivers.column_units import KINDS, unit_factor, unit_next_to
 from semlive_drivers.device_part import PartCommand, PartReading
-from semlive_drivers.growing_table import GrowingTable, NewestLine
+from semlive_drivers.load_file.column_units import KINDS, unit_factor, unit_next_to
+from semlive_drivers.load_file.growing_table import GrowingTable, NewestLine
+from semlive_drivers.load_file.unit_words import is_unit_or_factor
 from semlive_drivers.settings import checked
-from semlive_drivers.unit_words import is_unit_or_factor
 from semlive_drivers.units import factor
 
 _THOUSANDS = re.compile(r"[+-]?[0-9]{1,3}(?:['\u2019 \u00a0\u202f.,][0-9]{2,3})+(?:[.,][0-9]*)?")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from semlive.errors import BadInput
 from semlive.inputs.text_table import Column, UnclearUnit, number_in
-from semlive_drivers.unit_words import factor_in_name, factor_in_text, is_unit_or_factor, other_in_name, other_in_titles
+from semlive_drivers.load_file.unit_words import factor_in_name, factor_in_text, is_unit_or_factor, other_in_name, other_in_titles
 from semlive_drivers.units import factor, unit_in_name, unit_named
 
 KINDS = {

@@ -22,7 +22,7 @@ from semlive.inputs.text_table import (
     lines_of,
     number_in,
 )
-from semlive_drivers.later_heads import LaterHeads
+from semlive_drivers.load_file.later_heads import LaterHeads
 
 _WINDOW_BYTES = 65_536
 """Bytes at the beginning in which the head is searched, and at the end in which the newest line is searched."""
