@@ -223,7 +223,7 @@ class StagedRun:
             self.write(ElasticMessage(revision=number, pairs=number + 1, youngs_modulus_gpa=modulus, poissons_ratio=ratio), end)
 
     def show(self, state: str) -> None:
-        """Enter one of `STATES`; they follow each other in this order."""
+        """Enter one of `STATES`; they follow each other in this order. What charts draw has the same times in each run."""
         now = 4.0 * STEP_S
         if state == "starting":
             self._begin()
@@ -253,7 +253,7 @@ class StagedRun:
             now_s = self._now_s()
             args = {"text": "", "question": "terminal.1"}
             self.write(OperatorMessage(time_ns=self._at(now_s), what="taken_back", args=args), now_s)
-            self._load(now_s, 1207.3, 800.0, MotionState.STOPPED)
+            self._load(now + 60.0, 1207.3, 800.0, MotionState.STOPPED)
             text, action, time_ns = "the load 1207.3 N is beyond its limit of 1200 N", "motion was stopped and is held", self._at(now_s)
             self.write(FaultMessage(time_ns=time_ns, what=text, where="load frame", action=action, code="limit"), now_s)
             self.alarm = str(time_ns)
@@ -263,7 +263,7 @@ class StagedRun:
             now_s = self._now_s()
             args = {"alarm": self.alarm, "by": "terminal"}
             self.write(OperatorMessage(time_ns=self._at(now_s), what="acknowledge", args=args), now_s)
-            self._load(now_s, 1099.7, 1100.0)
+            self._load(now + 120.0, 1099.7, 1100.0)
             for number in (4, 5):
                 self._complete(number, now_s)
             self._log_line("all 6 steps are done; load and position are held", now_s)

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from semlive.engine import OperatorCommand
 
+from .goldens import SIZES, compare, golden_page
 from .staged_run import StagedRun, staged_run
 
-SIZES = {"laptop": (1366, 768), "large": (1920, 1080), "phone": (390, 844)}
 # A laptop of 14 inches with 1366 px has pixels of 0.227 mm. Capitals of 12 mm at 4 m are 10 minutes of arc, twice the limit of the eye.
 PIXEL_MM, CAPITAL_PART, MIN_CAPITAL_MM = 0.227, 0.72, 12.0
 NEEDED = ("#state-word", "#left", "#modulus", "#lamp", "#stop")
@@ -51,10 +51,11 @@ def read(page: Page, state: str) -> None:
 
 @pytest.mark.timeout(300)
 def test_every_state_is_read_at_every_size(
-    run: StagedRun, tab: Callable[..., Page], readable: Callable[[Page], None], tmp_path: Path
+    run: StagedRun, tab: Callable[..., Page], readable: Callable[[Page], None], tmp_path: Path, chromium_peer: Browser
 ) -> None:
     page = tab(viewport={"width": 1366, "height": 768})
     page.goto(run.address_with_token)
+    not_operated = golden_page(chromium_peer, run.address_with_token)
     for state in SHOWN:
         run.show(state)
         read(page, state)
@@ -66,11 +67,13 @@ def test_every_state_is_read_at_every_size(
                 assert scrolled[0] <= scrolled[1], (state, size)
                 font_px = page.evaluate("parseFloat(getComputedStyle(document.getElementById('state-word')).fontSize)")
                 assert font_px * CAPITAL_PART * PIXEL_MM >= MIN_CAPITAL_MM, (state, size)
+            assert compare(not_operated, state, size) == ""
         if state in ("question", "fault"):
             readable(page)
         page.set_viewport_size({"width": 1366, "height": 768})
         if state == "hold":
             looked_at(page, run, readable, tmp_path)
+            broken_pages_differ(not_operated)
         if state == "paused":
             left = page.locator("#left").text_content()
             expect(page.locator("#left-note")).to_have_text("stopped")
@@ -78,6 +81,17 @@ def test_every_state_is_read_at_every_size(
             assert page.locator("#left").text_content() == left
         if state == "fault":
             stopped_from_a_phone(run, tab)
+
+
+def broken_pages_differ(page: Page) -> None:
+    """A hidden panel, a moved button and a wrong colour do not look as the golden."""
+    for broken in ("[data-area=next] { visibility: hidden }", "#stop { transform: translateX(-16px) }", ":root { --accent: #7a0b8f }"):
+        page.evaluate(
+            "(css) => { document.adoptedStyleSheets = [new CSSStyleSheet()]; document.adoptedStyleSheets[0].replaceSync(css) }", broken
+        )
+        assert "blocks differ" in compare(page, "hold", "laptop", patience_s=0.0), broken
+    page.evaluate("document.adoptedStyleSheets = []")
+    assert compare(page, "hold", "laptop") == ""
 
 
 def looked_at(page: Page, run: StagedRun, readable: Callable[[Page], None], folder: Path) -> None:

@@ -15,7 +15,7 @@ from rich.table import Table
 from semlive.cli.after_run.confirmation import SimulationRequest, new_folder, proof_json, proof_text
 from semlive.cli.after_run.confirmation import prove as prove_diagnosis
 from semlive.cli.after_run.forecast_table import forecast_table
-from semlive.cli.shared.output_path import emptied_if_refused, output_file, write_text
+from semlive.cli.shared.output_path import emptied_if_refused, output_file, regular_output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.cli.shared.report_files import figures_option, pdf_option, write_report_files
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
@@ -61,9 +61,10 @@ def diagnose(
 ) -> None:
     """Find where model and data disagree, identify the missing effect, and show how much of the gap it closes."""
     single_arena()
-    for path, option in ((out, "--out"), (page, "--html")):
-        if path is not None:
-            output_file(path, option)
+    if out is not None:
+        regular_output_file(out, "--out")
+    if page is not None:
+        output_file(page, "--html")
     simulation = None if prove is None else SimulationRequest(prove, new_folder(prove_out, "--prove-out"))
     pdf, pictures = pdf_option(pdf), figures_option(pictures)
     opened = OpenedLog(log)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from semlive.cli.after_run.replay import EstimationMethod
-from semlive.cli.shared.output_path import output_file, output_folder
+from semlive.cli.shared.output_path import output_folder, regular_output_file
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.cli.shared.terminal import echo
 from semlive.errors import BadInput
@@ -39,7 +39,7 @@ def export(
         raise BadInput(f"--describe: {kind.value} contains no description; it is for --format {' and '.join(sorted(DESCRIBED))}")
     deposit = Deposit() if describe is None else read_deposit(describe)
     missing, invalid_without = (deposit.missing, deposit.invalid_without) if kind in DESCRIBED else ((), ())
-    (output_file if kind in ONE_FILE else output_folder)(out, "--out")
+    (regular_output_file if kind in ONE_FILE else output_folder)(out, "--out")
     images = from_images or any(change.of_images for change in changes)
     source = Source.IMAGES if images else Source.DISPARITY
     with multi_stage_progress() as progress:

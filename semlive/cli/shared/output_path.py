@@ -40,6 +40,17 @@ def output_file(path: Path, option: str) -> Path:
     return path
 
 
+def regular_output_file(path: Path, option: str) -> Path:
+    """As `output_file`, for files that are written under another name and renamed, which would replace a device.
+
+    Raises:
+        BadInput: as for `output_file`, or it is a device.
+    """
+    if output_file(path, option).exists() and not path.is_file():
+        raise BadInput(f"{option} {path}: is a device; give the name of a file")
+    return path
+
+
 def output_folder(path: Path, option: str) -> Path:
     """Check that a folder can be made, or that files can be made in it; nothing is made.
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from semlive.cli.shared.output_path import output_file
+from semlive.cli.shared.output_path import regular_output_file
 from semlive.cli.shared.progress_bar import progress_bar
 from semlive.cli.shared.terminal import echo
 from semlive.data.settings import SpecimenSettings
@@ -61,7 +61,7 @@ def import_maps(
         specimen = SpecimenSettings(area_mm2=specimen_area_mm2, loading_axis=loading_axis.value)
     except ValueError as error:
         raise BadInput(f"--specimen-area-mm2 {specimen_area_mm2}: {error}; give the cross-section in mm2.") from error
-    output_file(out, "--out")
+    regular_output_file(out, "--out")
     request = ImportRequest(folder, out, specimen, engine.value if engine else None, subset_px)
     with progress_bar("importing", "pair") as progress:
         imported = import_folder(request, progress)

@@ -139,7 +139,10 @@ function drawLimits(u, limits) {
     ctx.stroke();
     ctx.textAlign = scale === "y" ? "left" : "right";
     const x = scale === "y" ? bbox.left + 4 * devicePixelRatio : bbox.left + bbox.width - 4 * devicePixelRatio;
-    ctx.fillText(text, x, y - 4 * devicePixelRatio);
+    // The chart leaves another baseline behind; a label at the upper edge is below its line.
+    const above = y - 15 * devicePixelRatio > bbox.top;
+    ctx.textBaseline = above ? "bottom" : "top";
+    ctx.fillText(text, x, y + (above ? -2 : 3) * devicePixelRatio);
   }
   ctx.restore();
 }

@@ -36,6 +36,11 @@ COMMANDS = (
     ("qualify", "--from", "LOG", "--protocol", "FILE"),
 )
 
+REPLACED_FILES = [
+    command for command in COMMANDS if "FILE" in command and command[0] in ("export", "import", "diagnose") and "--out" in command
+]
+"""Commands that write a file under another name and rename it."""
+
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
 def test_a_path_below_a_file_is_refused_before_the_log_is_read(tmp_path: Path, command: tuple[str, ...]) -> None:
@@ -54,6 +59,15 @@ def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path, command: tuple[s
     done = CliRunner().invoke(app, [*words, "--force"] if command[0] == "init" else words)
     assert isinstance(done.exception, BadInput)
     assert "give the name of a file" in str(done.exception)
+
+
+@pytest.mark.parametrize("command", REPLACED_FILES, ids=" ".join)
+def test_a_device_is_not_replaced_by_a_file(tmp_path: Path, command: tuple[str, ...]) -> None:
+    os.mkfifo(tmp_path / "device")
+    words = [str(tmp_path / ("device" if word == "FILE" else "none.mcap")) if word in ("FILE", "LOG") else word for word in command]
+    done = CliRunner().invoke(app, words)
+    assert isinstance(done.exception, BadInput)
+    assert "is a device; give the name of a file" in str(done.exception)
 
 
 def test_the_folder_of_a_file_is_made_and_that_of_a_folder_is_not(tmp_path: Path) -> None:
