@@ -102,9 +102,12 @@ def _cell(setup: Setup) -> Iterator[Scenario]:
     yield _scenario(setup, "saturated", bounded, replace(flat, since_force_n=200.0), "clip 200", *away)
     wrong = replace(flat, since_force_n=1.0, no_orders=False)
     yield _from_start(_scenario(setup, "wrong-sign", "stop, fault", wrong, "gain -1"), "the cell is wired the wrong way")
-    at_once = replace(_AT_ONCE, stop_within_s=0.7) if setup.kind in ("hand", "csv_oriental") else _AT_ONCE
+    from_file = setup.kind in ("hand", "csv_oriental")
+    at_once = replace(_AT_ONCE, stop_within_s=0.7) if from_file else _AT_ONCE
     yield _scenario(setup, "not-a-number", "stop, fault", at_once, "nan 1")
     yield _scenario(setup, "end-of-range", "stop, fault", at_once, "inf 1")
+    if from_file:
+        yield _scenario(setup, "lost-value", "stop, fault", replace(at_once, codes=(Code.LINK_LOST,)), "lost 1")
 
 
 def _stop_ignored(setup: Setup, beyond: Expected) -> Scenario:

@@ -237,7 +237,7 @@ class Machine:
         if s.spike > 0:
             s.spike -= 1
             force_n = 10_000.0
-        force_n = math.nan if s.nan else math.inf if s.inf else force_n
+        force_n = math.nan if s.nan else math.inf if s.inf else -9999.0 if s.lost else force_n
         return Shown(self._state(), force_n, self._extension(), self.target_n, int(self._count) % 2**32)
 
     def _extension(self) -> float:

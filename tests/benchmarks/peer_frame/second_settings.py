@@ -75,6 +75,7 @@ class Switches:
         jump: is added to the reading.
         spike: so many readings are 10,000 N.
         nan, inf: the reading is none.
+        lost: the reading is -9999, by which many programs mark a lost value.
         late: delay of the force in its register, s.
         efreeze: the extension is constant.
         ejump: is added to the extension, mm.
@@ -116,6 +117,7 @@ class Switches:
     spike: int = 0
     nan: float = 0
     inf: float = 0
+    lost: float = 0
     late: float = 0
     efreeze: float = 0
     ejump: float = 0
