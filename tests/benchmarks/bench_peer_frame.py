@@ -62,7 +62,8 @@ def main() -> int:
     bars = figures(verdicts)
     sys.stdout.write(summary(bars) + "\n")
     if options.write:
-        write(verdicts, bars, sys.argv[1:])
+        names = {str(path): name for path, name in ((options.peers, "DIR"), (options.found, "FILE"), (options.keep, "FOLDER"))}
+        write(verdicts, bars, [names.get(argument, argument) for argument in sys.argv[1:]])
     return int(not (bars.hold and bars.passed == bars.trials))
 
 
