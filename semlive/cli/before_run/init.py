@@ -30,6 +30,8 @@ _QUESTIONS = {
     "max_load_n": "Largest load, N",
     "load_steps": "Number of loads",
 }
+_MAX_LOADS = 500
+"""More are written into the configuration by hand."""
 
 
 def init(
@@ -118,5 +120,7 @@ def _changed(answers: LabSetup, values: dict[str, object], file: str) -> LabSetu
     for key in ("pixel_size_um", "area_mm2", "max_load_n"):
         if not getattr(changed, key) > 0:
             raise BadConfig(f"{key} must be more than 0, not {getattr(changed, key)}")
+    if not 2 <= changed.load_steps <= _MAX_LOADS:
+        raise BadConfig(f"load_steps must be 2 to {_MAX_LOADS}, not {changed.load_steps}")
     checked_text(read_yaml(configuration_text(changed), file), file)
     return changed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -12,6 +14,8 @@ Vendor = Literal["fei", "zeiss", "tescan", "jeol", "hitachi", "other"]
 
 DATABAR_VENDORS = ("zeiss",)
 """Vendors whose databar is part of the image, without a header that gives its height."""
+_PLAIN = re.compile(r"[A-Za-z/][\w./-]*|\d+(\.\d+){3}")
+_WORDS_OF_YAML = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +35,7 @@ class LabSetup:
         area_mm2: cross-section of the specimen, mm^2.
         loading_axis: image axis of the load.
         max_load_n: largest load of the plan, N.
-        load_steps: number of loads.
+        load_steps: number of loads, 2 or more.
         region_px: first and last subset centre (x0, y0, x1, y1).
         mask: name of the mask file in the folder of the configuration; None without masks.
     """
@@ -57,7 +61,7 @@ class LabSetup:
         """Loads in equal steps from a tenth of the largest load, which removes slack; none without a load frame."""
         if self.frame == "none":
             return ()
-        first, count = 0.1 * self.max_load_n, max(self.load_steps, 2)
+        first, count = 0.1 * self.max_load_n, self.load_steps
         return tuple(round(first + (self.max_load_n - first) * k / (count - 1), 1) for k in range(count))
 
 
@@ -107,7 +111,7 @@ def _head(lab: LabSetup) -> str:
         "# Keys that are left out have their defaults; an unknown key is rejected, with the most similar key.",
         "",
         "run:",
-        (f"  name: {lab.name}", "name of the log, <folder>/<name>/<name>.000.mcap; each run needs a new one"),
+        (f"  name: {_quoted(lab.name)}", "name of the log, <folder>/<name>/<name>.000.mcap; each run needs a new one"),
         ("  folder: runs", "folder of the logs, relative to this file: a disk of this computer, not a network share"),
     )
 
@@ -155,8 +159,8 @@ def _load_frame(lab: LabSetup) -> str:
             ("  driver: modbus", "one device with Modbus, described by a register map"),
             ("  poll_s: 0.05", "s, between readings"),
             "  settings:",
-            (f"    map: {lab.device_map}", "device map: semlive frame check MAP checks it without motion"),
-            (f"    host: {host}", "address of the device"),
+            (f"    map: {_quoted(lab.device_map)}", "device map: semlive frame check MAP checks it without motion"),
+            (f"    host: {_quoted(host)}", "address of the device"),
             (f"    port: {port or 502}", "TCP port"),
             ("    unit: 1", "Modbus unit (slave) number"),
             ("    watchdog_s: 2.0", "s, the device stops by itself after this time without communication"),
@@ -167,7 +171,7 @@ def _load_frame(lab: LabSetup) -> str:
             ("  driver: ascii", "one device with a text protocol on a serial line"),
             ("  poll_s: 0.2", "s, between readings"),
             "  settings:",
-            (f"    map: {lab.device_map}", "device map: semlive frame check MAP checks it without motion"),
+            (f"    map: {_quoted(lab.device_map)}", "device map: semlive frame check MAP checks it without motion"),
             (f"    serial: {{port: {_quoted(lab.address)}}}", "serial port; baud rate and parity are in the device map"),
             ("    approach:", "load approach of a test stand without load control, in short motions"),
             (
@@ -184,7 +188,7 @@ def _load_frame(lab: LabSetup) -> str:
             ("  driver: operator", "closed software: the operator moves the load frame on request"),
             ("  poll_s: 0.2", "s, between readings"),
             "  settings:",
-            (f"    program: {lab.address}", "name of the program of the manufacturer"),
+            (f"    program: {_quoted(lab.address)}", "name of the program of the manufacturer"),
             (f"    arrived_n: {load_tolerance_n(lab):g}", "N, distance from the target at which the motion ends"),
             "    # load_file:                   # file into which the program records; without it the operator types the load",
             "    #   {file: 'C:/microtest/*.csv', force: {column: Force, unit: N}, extension: {column: 3, unit: mm}}",
@@ -290,4 +294,5 @@ def _lines(*lines: str | tuple[str, str]) -> str:
 
 
 def _quoted(text: str) -> str:
-    return f'"{text}"' if any(character in text for character in " :#\\{}[]") else text
+    """Return the text as YAML reads it again: without quotes only if it is neither a number nor a word of YAML 1.1 or 1.2."""
+    return text if _PLAIN.fullmatch(text) and text.casefold() not in _WORDS_OF_YAML else json.dumps(text, ensure_ascii=False)

@@ -105,7 +105,19 @@ def test_settings_given_as_options_are_not_prompted_for(tmp_path: Path) -> None:
     assert config.specimen.loading_axis == "x"
 
 
-@pytest.mark.parametrize("wrong", [("--lab", "moon"), ("--vendor", "canon"), ("--area-mm2", "-1"), ("--name", "a b")])
+@pytest.mark.parametrize(
+    "text", ["42", "-1", "yes", "1e3", "0300", "null", "~", '6" sheet: a', "C:\\new", "# 1", "*a", "Blech, 1 mm", "Stück"]
+)
+def test_a_text_is_what_was_typed(tmp_path: Path, text: str) -> None:
+    done = written(tmp_path, "--yes", f"--specimen={text}", f"--export-folder={text}")
+    assert done.exit_code == 0, done.output
+    config = load_config(tmp_path / "run.yaml")
+    assert (config.specimen.name, config.sem.folder.name) == (text, Path(text).name)
+
+
+@pytest.mark.parametrize(
+    "wrong", [("--lab", "moon"), ("--vendor", "canon"), ("--area-mm2", "-1"), ("--name", "a b"), ("--load-steps", "1")]
+)
 def test_wrong_answers_are_refused_and_nothing_is_written(tmp_path: Path, wrong: tuple[str, str]) -> None:
     done = written(tmp_path, "--yes", *wrong)
     assert isinstance(done.exception, SemliveError)
