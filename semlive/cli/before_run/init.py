@@ -15,7 +15,7 @@ from semlive.cli.shared.terminal import echo
 from semlive.errors import BadConfig
 from semlive.inputs.yaml_text import read_yaml
 from semlive.service.config.configuration import checked_text
-from semlive.service.config.template import LAB_PRESETS, FrameKind, LabSetup, Vendor, configuration_text
+from semlive.service.config.template import LAB_PRESETS, FrameKind, LabSetup, Vendor, configuration_text, host_and_port
 
 _QUESTIONS = {
     "name": "Name of the run",
@@ -120,6 +120,11 @@ def _changed(answers: LabSetup, values: dict[str, object], file: str) -> LabSetu
     for key in ("pixel_size_um", "area_mm2", "max_load_n"):
         if not getattr(changed, key) > 0:
             raise BadConfig(f"{key} must be more than 0, not {getattr(changed, key)}")
+    host, port = host_and_port(changed.address)
+    if changed.frame != "none" and not host.strip():
+        raise BadConfig("address is empty; give the host, the serial port, or the name of the program")
+    if changed.frame == "modbus" and port and not (port.isdecimal() and 0 < int(port) < 65536):
+        raise BadConfig(f"address {changed.address}: port {port} is not 1 to 65535; give HOST, HOST:PORT or [IPv6 ADDRESS]:PORT")
     if not 2 <= changed.load_steps <= _MAX_LOADS:
         raise BadConfig(f"load_steps must be 2 to {_MAX_LOADS}, not {changed.load_steps}")
     checked_text(read_yaml(configuration_text(changed), file), file)

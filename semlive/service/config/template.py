@@ -154,7 +154,7 @@ def _load_frame(lab: LabSetup) -> str:
         return ""
     head: list[str | tuple[str, str]] = ["load_frame:"]
     if lab.frame == "modbus":
-        host, _, port = lab.address.partition(":")
+        host, port = host_and_port(lab.address)
         head += [
             ("  driver: modbus", "one device with Modbus, described by a register map"),
             ("  poll_s: 0.05", "s, between readings"),
@@ -194,6 +194,15 @@ def _load_frame(lab: LabSetup) -> str:
             "    #   {file: 'C:/microtest/*.csv', force: {column: Force, unit: N}, extension: {column: 3, unit: mm}}",
         ]
     return _lines(*head)
+
+
+def host_and_port(address: str) -> tuple[str, str]:
+    """Host and TCP port of ``host``, ``host:port``, ``[IPv6]:port`` or an IPv6 address; the port is empty without one."""
+    if address.startswith("["):
+        host, _, port = address[1:].partition("]")
+        return host, port.removeprefix(":")
+    host, _, port = address.partition(":") if address.count(":") == 1 else (address, "", "")
+    return host, port
 
 
 def load_tolerance_n(lab: LabSetup) -> float:

@@ -116,7 +116,16 @@ def test_a_text_is_what_was_typed(tmp_path: Path, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [("--lab", "moon"), ("--vendor", "canon"), ("--area-mm2", "-1"), ("--name", "a b"), ("--load-steps", "1")]
+    "wrong",
+    [
+        ("--lab", "moon"),
+        ("--vendor", "canon"),
+        ("--area-mm2", "-1"),
+        ("--name", "a b"),
+        ("--load-steps", "1"),
+        ("--address", "host:99999"),
+        ("--address", ""),
+    ],
 )
 def test_wrong_answers_are_refused_and_nothing_is_written(tmp_path: Path, wrong: tuple[str, str]) -> None:
     done = written(tmp_path, "--yes", *wrong)
