@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from semlive.data.frame import FrameInfo, FrameOrigin
+from semlive.data.scan import setting_text
 from semlive.data.settings import SpecimenSettings
 from semlive.inputs.mask_file import read_mask
 from semlive.report.document.blocks import Block, FigureBlock, Paragraph, Section, Table
@@ -113,6 +114,7 @@ def instrument_rows(info: FrameInfo) -> tuple[Row, ...]:
         row("working distance", column.working_distance_m, number(column.working_distance_m, 1e3, "mm")),
         row("scan rotation", column.scan_rotation_deg, number(column.scan_rotation_deg, 1.0, "degrees")),
         row("pixel size", size, number(size, 1e6, "µm")),
+        row("distance of the rows", info.geometry.pixel_height_m, number(info.geometry.pixel_height_m, 1e6, "µm")),
         ("image", f"{info.width_px} x {info.height_px} px, {info.databar_rows} rows of the databar removed", "image file"),
         row("dwell time", timing.dwell_time_s, seconds(timing.dwell_time_s.value)),
         row("row time", timing.row_time_s, seconds(timing.row_time_s.value)),
@@ -122,10 +124,8 @@ def instrument_rows(info: FrameInfo) -> tuple[Row, ...]:
         row("passes over a row", timing.line_integrations, str(timing.line_integrations.value)),
         row("start of the scan", info.start_time_ns, f"standard uncertainty {seconds(info.start_sigma_s)}"),
     ]
-    rows += [
-        (name.replace("_", " "), f"{value:g}" if isinstance(value, float) else str(value), "image file")
-        for name, value in info.geometry.values().items()
-    ]
+    others = {name: value for name, value in info.geometry.values().items() if name != "pixel_height_m"}
+    rows += [(*setting_text(name, value), "image file") for name, value in others.items()]
     return tuple(rows)
 
 
