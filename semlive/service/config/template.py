@@ -15,7 +15,7 @@ Vendor = Literal["fei", "zeiss", "tescan", "jeol", "hitachi", "other"]
 DATABAR_VENDORS = ("zeiss",)
 """Vendors whose databar is part of the image, without a header that gives its height."""
 _PLAIN = re.compile(r"[A-Za-z/][\w./-]*|\d+(\.\d+){3}")
-_WORDS_OF_YAML = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
+_CONSTANTS_OF_YAML = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,5 +303,5 @@ def _lines(*lines: str | tuple[str, str]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return the text as YAML reads it again: without quotes only if it is neither a number nor a word of YAML 1.1 or 1.2."""
-    return text if _PLAIN.fullmatch(text) and text.casefold() not in _WORDS_OF_YAML else json.dumps(text, ensure_ascii=False)
+    """Return the text as YAML reads it again: without quotes only if it is neither a number nor a constant of YAML 1.1 or 1.2."""
+    return text if _PLAIN.fullmatch(text) and text.casefold() not in _CONSTANTS_OF_YAML else json.dumps(text, ensure_ascii=False)
