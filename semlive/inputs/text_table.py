@@ -82,6 +82,7 @@ __all__ = [
     "text_of",
 ]
 
+_GROUP_SIGNS = str.maketrans("", "", "'\u2019\u00a0\u202f")
 _NO_NAMES = 50
 """Weight of numbers without names, more than that of a title above them."""
 _QUOTES = 100
@@ -106,6 +107,12 @@ class _Reading:
     def is_numeric(self) -> bool:
         """Whether all required cells are numbers or lost values."""
         return all(not isinstance(value, str) or not value for row in self.values for value in row)
+
+    @property
+    def has_thousands(self) -> bool:
+        """Whether all required cells are numbers or lost values once signs between thousands are left out, as in ``15'825,9``."""
+        texts = [value.translate(_GROUP_SIGNS) for row in self.values for value in row if isinstance(value, str) and value]
+        return all(is_whole(text) or sign_of(text) is not Sign.NONE for text in texts)
 
 
 def layout_of(lines: Sequence[str], where: str, select: ColumnSelector, given: Convention | None = None, searched: int = 1) -> Layout:
@@ -278,7 +285,7 @@ def _only_one(readings: Sequence[_Reading], where: str) -> Layout:
     Raises:
         BadInput: two differ.
     """
-    candidates = [reading for reading in readings if reading.is_numeric] or list(readings)
+    candidates = [reading for reading in readings if reading.is_numeric or reading.has_thousands] or list(readings)
     first = candidates[0]
     for second in candidates[1:]:
         if second.values != first.values:

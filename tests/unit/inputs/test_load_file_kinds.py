@@ -243,6 +243,15 @@ def test_a_gage_is_read_in_its_unit_or_refused(head: str, cell: str, strain: flo
         assert CsvLoadFile(settings, HandClock(0)).read().gage_strain == (None if strain is None else pytest.approx(strain))
 
 
+@pytest.mark.parametrize("number", ["15'825,9", "15\u2019825,9", "1.582,9"])
+def test_a_decimal_comma_behind_thousands_is_no_separator(number: str, tmp_path: Path) -> None:
+    """9 N was read, because a comma also separates the names."""
+    path = tmp_path / "load.csv"
+    path.write_text(f'% Time "Force, N"\n12:03:44 {number}\n12:03:45 {number}\n', encoding="utf-8")
+    with pytest.raises(LinkError, match=r"separated by commas, or .*, separated by blanks"):
+        CsvLoadFile(CsvSettings.model_validate({"file": path, "force": {"column": 2}}), HandClock(0))
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
 def test_other_names_below_are_found_in_the_middle_of_a_long_file(encoding: str, tmp_path: Path) -> None:
     rows = "0,1;134,2;0,5\n" * 6000
