@@ -285,7 +285,8 @@ def _only_one(readings: Sequence[_Reading], where: str) -> Layout:
     Raises:
         BadInput: two differ.
     """
-    candidates = [reading for reading in readings if reading.is_numeric or reading.has_thousands] or list(readings)
+    is_any_numeric = any(reading.is_numeric for reading in readings)
+    candidates = [reading for reading in readings if not is_any_numeric or reading.is_numeric or reading.has_thousands]
     first = candidates[0]
     for second in candidates[1:]:
         if second.values != first.values:
