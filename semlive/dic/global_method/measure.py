@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.linalg import LinAlgError
 from threadpoolctl import threadpool_limits
 
@@ -32,6 +33,11 @@ SCATTER_PX = 24.0  # standard deviation of the area over which the band-passes a
 MAX_SIGMA_PX = 1.0  # larger uncertainties are of no use
 MIN_SUPPORT = 0.6  # of the blocks around a point
 ROUND_TRIP_PX, ROUND_TRIP_SIGMAS = 0.5, 3.0
+# Residual of a subset relative to the median of the map, absolute and relative to the contrast. At cracks that the field bridges it is 4
+# to 75 times; limits of 6, 10 and 15 leave 66, 116 and 241 of 4,221 wrong points of 29 scenes, and 98.7, 99.7 and 99.9 % of the points that are
+# matchable in rasters without a crack.
+MISFIT_RATIO = 10.0
+MISFIT_REACH = 0.25  # of a subset around such points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +116,7 @@ def _measure(
     sigma_u, sigma_v = np.sqrt(covariance[..., 0, 0] + scatter_u), np.sqrt(covariance[..., 1, 1] + scatter_v)
     zncc = _subset_zncc(solution, grid)
     status = _status(f, g, forward.solution, backward.solution, grid, sigma_u, sigma_v, min_valid_fraction)
+    status[(status == PoiStatus.CONVERGED) & _misfits(solution, grid, zncc, status == PoiStatus.CONVERGED)] = PoiStatus.INCONSISTENT
     status[masked] = PoiStatus.MASKED
     valid = status == PoiStatus.CONVERGED
 
@@ -148,6 +155,21 @@ def _status(
     status[~(np.maximum(sigma_u, sigma_v) <= MAX_SIGMA_PX)] = PoiStatus.LOW_CONTRAST
     status[(pixels < min_valid_fraction * grid.subset_px**2) | (inside < 0.5)] = PoiStatus.OUTSIDE_IMAGE
     return status
+
+
+def _misfits(solution: Solution, grid: Grid, zncc: Array, accepted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(ny, nx) whether the field does not describe what a subset shows, or one within a quarter of a subset.
+
+    A low contrast increases the residual relative to the contrast, a high one the residual itself; both must exceed the usual.
+    """
+    if not accepted.any():
+        return accepted
+    absolute = subset_sum(solution.residual**2 * solution.used, grid) / np.maximum(subset_sum(solution.used, grid), 1.0)
+    large = accepted.copy()
+    for residual in (absolute, 1.0 - zncc):
+        large &= residual > MISFIT_RATIO * float(np.median(residual[accepted]))
+    reach = max(1, round(MISFIT_REACH * grid.subset_px / grid.step_px))
+    return np.asarray(ndimage.binary_dilation(large, np.ones((3, 3), dtype=np.bool_), iterations=reach))
 
 
 def _to_contrast_of(f: Image, g: Image) -> Image:

@@ -7,7 +7,7 @@ import pytest
 
 from semlive import dic
 from semlive.data.disparity import DisparityMap, PoiStatus
-from semlive.dic.method_choice import choose_map, is_difficult
+from semlive.dic.method_choice import choose_map, is_difficult, without_contradicted
 from semlive.dic.outlier_rejection import PointMeasurements
 
 GRID = dic.Grid(x0_px=30, y0_px=30, step_px=10, nx=10, ny=10, subset_px=43)
@@ -49,7 +49,9 @@ def test_a_texture_is_difficult_if_it_is_coarse_weak_or_changes():
 @pytest.mark.parametrize(
     ("points", "length", "expected"),
     [
-        (40, 0.07, 98),  # less than half
+        (40, 0.07, 99),  # half of the speckle is hidden: the doubtful points are measured again
+        (8, 0.07, 98),  # subsets do not measure at all
+        (40, 0.10, 98),  # less than half
         (80, 0.07, 80),  # speckle with cracks or hidden parts
         (80, 0.10, 98),
         (94, 0.10, 98),
@@ -58,12 +60,25 @@ def test_a_texture_is_difficult_if_it_is_coarse_weak_or_changes():
 )
 def test_the_global_method_is_taken_where_subsets_lose_points(points, length, expected):
     assert chosen(points, measurements(length=length)) == expected
-    assert chosen(points, measurements(length=length), SUBSET) == (99 if points == 40 else points)  # doubtful below 55
+    assert chosen(points, measurements(length=length), SUBSET) == (99 if points <= 40 else points)  # doubtful below 55
 
 
 def test_the_map_with_more_points_is_selected():
     assert chosen(80, measurements(length=0.1), by_field=70) == 80
-    assert chosen(40, measurements(), by_field=30) == 99  # of the doubtful points most are confirmed
+    assert chosen(40, measurements(length=0.1), by_field=30) == 99  # of the doubtful points most are confirmed
+
+
+def test_a_field_is_refused_around_points_at_which_subsets_measured_something_else():
+    subsets, field = a_map(60), replace(a_map(100), neighbour_share=np.full(GRID.shape, 0.5))
+    u_px = np.zeros(GRID.shape)
+    u_px[2, 3], u_px[2, 8] = 0.6, 0.4
+    m = without_contradicted(field, replace(subsets, u_px=u_px))
+    expected = np.zeros(GRID.shape, np.bool_)
+    expected[0:5, 1:6] = True  # half a subset of 43 px is two points
+    np.testing.assert_array_equal(m.status == PoiStatus.INCONSISTENT, expected)
+    assert m.valid.sum() == 75
+    assert m.neighbour_share is not None
+    assert not m.neighbour_share[expected].any()
 
 
 def test_doubtful_points_are_confirmed_before_the_method_is_changed():

@@ -38,9 +38,10 @@ def bench(hard):
 
 
 # In 8383 points bridge a crack; in 20019 no shift of the frame is found, and blocks lead to others; in 80052 as many blocks find
-# the edges of blank areas, which stay where they are, as find what moves.
+# the edges of blank areas, which stay where they are, as find what moves. In 700004 a smooth field follows such edges.
 @pytest.mark.parametrize(
-    ("number", "step_px"), [(8, 8), (11, 8), (13, 8), (20, 8), (22, 8), (23, 8), (54, 8), (101, 8), (8383, 5), (20019, 8), (80052, 8)]
+    ("number", "step_px"),
+    [(8, 8), (11, 8), (13, 8), (20, 8), (22, 8), (23, 8), (54, 8), (101, 8), (8383, 5), (20019, 8), (80052, 8), (700004, 8)],
 )
 def test_nothing_wrong_calls_itself_converged(bench, hard, number, step_px):
     settings = DicSettings(step_px=step_px, roi_px=None)
@@ -50,6 +51,14 @@ def test_nothing_wrong_calls_itself_converged(bench, hard, number, step_px):
     assert not verdict.wrong.any()
     assert verdict.matchable.sum() == 0 or m.valid[verdict.matchable].mean() >= 0.99
     assert np.all(m.status[verdict.repeating] == PoiStatus.AMBIGUOUS)
+
+
+def test_a_smooth_field_is_refused_where_its_residual_is_large(bench, hard):
+    """Without the limit of the residual 230 points at the crack are converged and wrong."""
+    s = hard.cracked_scene(20)
+    m = bench.correlate(s, DicSettings(step_px=12, roi_px=None, method="global"))
+    assert not bench.judge(s, m).wrong.any()
+    assert m.valid.mean() > 0.75
 
 
 @pytest.mark.parametrize(("subset_px", "shape"), [(21, "affine"), (31, "quadratic"), (43, "quartic")])
