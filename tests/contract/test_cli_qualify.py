@@ -108,3 +108,16 @@ def test_the_qualifying_run_needs_no_load_frame(tmp_path: Path, semlive: Call) -
     assert shifts[:4] == [(0.0, 0.0)] * 4
     assert max(x for x, _ in shifts) == largest == -min(y for _, y in shifts)
     assert config.sem.folder == load_config(given).sem.folder
+
+
+def test_an_instrument_may_have_no_load_frame_and_no_stage(tmp_path: Path, semlive: Call) -> None:
+    given, planned = tmp_path / "lab.yaml", tmp_path / "qualifying.yaml"
+    for stage in ("", "stage: {driver: operator}\nlimits: {stage_travel_um: 50}\n"):
+        text = "sem: {folder: export, pixel_size_um: 0.1}\nprotocol: {calibration_shifts_px: [[0, 0]]}\n" + stage
+        given.write_text(text, encoding="utf-8")
+        code, _, errors = semlive("qualify", given, "--protocol", planned)
+        assert code == 0, errors
+        config = load_config(planned)
+        assert (config.load_frame, config.stage and config.stage.driver, config.plan().limits.stage_travel_um) == (
+            None, "operator", 50 if stage else 1000,
+        )  # fmt: skip
