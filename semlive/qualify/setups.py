@@ -136,15 +136,15 @@ def _stated_turn_deg(main: SetupMeasurement, other: SetupMeasurement) -> float:
 
 def _draw_axes(given: SetupMeasurement, seed: int) -> Array | None:
     """(d, 2, 2) draws of the matrix from commanded to measured shifts; None if the positions do not determine it."""
-    known = [(command, motion.shift_px) for command, motion in zip(given.commands_px, given.motions, strict=True) if command is not None]
-    if len(known) < MIN_MOVES:
+    moves = [(command, motion.shift_px) for command, motion in zip(given.commands_px, given.motions, strict=True) if command is not None]
+    if len(moves) < MIN_MOVES:
         return None
-    commands, shifts = (np.array(values, dtype=np.float64) for values in zip(*known, strict=True))
+    commands, shifts = (np.array(values, dtype=np.float64) for values in zip(*moves, strict=True))
     commands, shifts = commands - commands.mean(axis=0), shifts - shifts.mean(axis=0)
     normal = commands.T @ commands
     if np.linalg.cond(normal) > 1e4:
         return None
-    solved, freedom = np.linalg.solve(normal, commands.T @ shifts), 2 * len(known) - 6
+    solved, freedom = np.linalg.solve(normal, commands.T @ shifts), 2 * len(moves) - 6
     sigma = np.sqrt(np.sum((shifts - commands @ solved) ** 2) / freedom)
     root = np.linalg.cholesky(np.linalg.inv(normal))
     draws = solved + sigma * root @ np.random.default_rng(seed).standard_t(freedom, (DRAWS, 2, 2))
