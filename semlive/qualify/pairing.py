@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from semlive.data.frame import Frame
+from semlive.qualify.setups import setup_of
 
 MAX_PAIR_SHIFT_PX = 4.0
 """Largest shift within a pair: a stage move of a calibration is larger, the drift during a frame of a usable microscope is smaller."""
@@ -39,7 +40,8 @@ class FrameStep:
 
 def frame_step(before: Frame, after: Frame) -> FrameStep:
     """Shift from one frame to the next by phase correlation of frames of at most 1024 px."""
-    if before.image.shape != after.image.shape or before.info.timing.integrations != after.info.timing.integrations:
+    same_scan = before.info.timing.integrations == after.info.timing.integrations and setup_of(before.info).is_same(setup_of(after.info))
+    if before.image.shape != after.image.shape or not same_scan:
         return FrameStep((0.0, 0.0), 0.0, False)
     binning = max(1, -(-max(before.image.shape) // WORKING_PX))
     first, second = (_binned(frame, binning) for frame in (before, after))

@@ -172,6 +172,25 @@ class Conditions:
 
 
 @dataclass(frozen=True, slots=True)
+class SetupFigures:
+    """Figures at another magnification, scan rotation or dwell time.
+
+    Attributes:
+        pixel_nm: pixel size; 0 if unknown.
+        rotation_deg: scan rotation by the file; 0 if unknown.
+        dwell_s: dwell time.
+        pairs: number of pairs.
+        figures: measured figures; those of the scan relate it to the main setup.
+    """
+
+    pixel_nm: float
+    rotation_deg: float
+    dwell_s: float
+    pairs: int
+    figures: tuple[Figure, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Qualification:
     """Result of a qualification.
 
@@ -185,6 +204,7 @@ class Qualification:
         limiting: name of the limiting effect without correction; empty if it is not determined.
         limiting_corrected: the same after correction.
         protocol: recommended protocol.
+        setups: figures of pairs at another magnification, scan rotation or dwell time; all others are of the setup with most pairs.
     """
 
     format: int
@@ -196,3 +216,4 @@ class Qualification:
     limiting: str
     limiting_corrected: str
     protocol: Protocol
+    setups: tuple[SetupFigures, ...] = ()

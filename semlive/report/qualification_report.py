@@ -9,7 +9,7 @@ from matplotlib.figure import Figure as Drawing
 
 from semlive.qualify.history import FigureHistory, all_dated, comparable, histories
 from semlive.qualify.limits import REFERENCE_SHIFT_PX
-from semlive.qualify.values import Figure, Qualification
+from semlive.qualify.values import Figure, Qualification, SetupFigures
 from semlive.report.document.blocks import Bullets, Document, FigureBlock, KeyFigures, Listing, Paragraph, Section, Table
 from semlive.report.style import INK, PAGE_INCH, SOFT, X_COLOUR, Y_COLOUR, framed, plain_axes
 
@@ -53,6 +53,10 @@ def qualification_document(qualification: Qualification, configuration: str) -> 
         Section("Recommended protocol", (Bullets(tuple(steps)), Listing("Configuration for semlive run", configuration))),
         Section("Figures", tuple(measured)),
     ]
+    if qualification.setups:
+        titles = ("figure", "value", "95 % interval", "unit")
+        tables = tuple(Table(setup_text(setup), titles, _rows(setup.figures)) for setup in qualification.setups)
+        sections.append(Section("Other settings of the scan", tables))
     if qualification.undetermined:
         sections.append(Section("Not determined by these frames", tuple(more)))
     day = f", {conditions.day}" if conditions.dated else ""
@@ -69,6 +73,12 @@ def limiting_text(qualification: Qualification) -> str:
     part = f" (without {' and '.join(missing)}, which these frames do not determine)".replace("_", " ") if missing else ""
     named = [("Without correction", qualification.limiting), ("With the corrections of semlive", qualification.limiting_corrected)]
     return " ".join(f"{when}, {name.replace('_', ' ')} limits the strain{part}: {remedies[name]}." for when, name in named)
+
+
+def setup_text(setup: SetupFigures) -> str:
+    """Settings of further pairs."""
+    size = f"pixels of {setup.pixel_nm:.4g} nm, " if setup.pixel_nm else ""
+    return f"{setup.pairs} pairs, {size}scan turned by {setup.rotation_deg:.3g} deg, dwell time {MICRO * setup.dwell_s:.3g} us"
 
 
 def figure_text(figure: Figure) -> tuple[str, str]:

@@ -1,10 +1,12 @@
 """Qualification: coverage of the stated intervals, and the limiting effect of simulated microscopes.
 
-    python tests/benchmarks/bench_qualify.py [--maps N] [--scenarios NAME ...]
+    python tests/benchmarks/bench_qualify.py [--maps N] [--scenarios NAME ...] [--tensile N] [--write]
 
 `--maps N` draws N microscopes (7 calibration pairs of 30 x 24 points with drift, distortion and noise of the simulators' code, no images)
 and counts the intervals that hold the truth. `--scenarios` renders the frames of scenarios `qualify_*` and evaluates them by the command's
-code. Exit code 1 if a coverage is below 88 % or an effect is named wrongly.
+code. `--tensile N` compares the predicted strain noise of N microscopes with the error of a tensile run. `--write` writes the tables
+into docs/validation/qualification.md. Exit code 1 if a coverage is below 88 %, an effect is named wrongly, or a noise
+differs by more than 10 %.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +22,7 @@ import numpy as np
 from numexp.coverage import CALIBRATION_PAIRS, GRID, SMALL, WINDOW_POINTS, affine_distortion
 from numexp.experiment import Experiment, make_experiment
 from numexp.world import HEIGHT_PX, WIDTH_PX, Field
+from qualify_tensile import compared
 
 from semlive import estimate
 from semlive.data.settings import EstimateSettings
@@ -29,12 +32,16 @@ from semlive.qualify.intervals import magnitude_interval, quantiles
 from semlive.qualify.noise import displacement_scatter
 from semlive.qualify.protocol import GAUGE_PX
 from semlive.service.qualification.run import QualifyRequest, qualify_source
+from semlive.service.runtime.blas import limit_blas_threads
 from semlive_simulators.scenario import load_scenario
 from semlive_simulators.simulate import simulate
 
 FIRST_SEED = 20_000
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "qualification.md"
 MIN_COVERAGE = 0.88
 """Smallest coverage of 60 draws that 95 % intervals reach in 98 of 100 benchmarks."""
+MAX_NOISE_ERROR = 0.1
+"""Largest relative difference of the predicted strain noise from the error that a tensile run finds."""
 LIMITING = {
     "qualify_good": "image_noise",
     "qualify_warm_tungsten": "drift",
@@ -128,26 +135,64 @@ def limiting(name: str, *, search_effects: bool = True) -> tuple[str, str]:
     return found.limiting, found.limiting_corrected
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print both tables; returns the exit code."""
-    parser = argparse.ArgumentParser(description="Coverage of intervals, and limiting effects.")
-    parser.add_argument("--maps", type=int, default=60)
-    parser.add_argument("--scenarios", nargs="*", choices=list(LIMITING), default=list(LIMITING))
-    given = parser.parse_args(argv)
-    good = True
-    for name, items in coverage(given.maps).items():
-        share, true = np.mean([item.inside for item in items]), np.array([item.true for item in items])
+def coverage_rows(count: int) -> Iterator[tuple[str, bool]]:
+    """Lines of the table of the coverage, each with whether it is good enough."""
+    for name, items in coverage(count).items():
+        share, true = float(np.mean([item.inside for item in items])), np.array([item.true for item in items])
         error = np.sqrt(np.mean([(item.interval[0] / item.true - 1.0) ** 2 for item in items]))
         half = np.median([0.5 * (item.interval[2] - item.interval[1]) / item.true for item in items])
-        good &= share >= MIN_COVERAGE or given.maps < 20
         size = f"{true.min():.3g} to {true.max():.3g} | {100 * error:.1f} % | {100 * half:.1f} %"
-        sys.stdout.write(f"| {name} | {100 * share:.0f} % of {len(items)} | {size} |\n")
-    for name in given.scenarios:
+        yield f"| {name} | {100 * share:.0f} % of {len(items)} | {size} |", share >= MIN_COVERAGE or count < 20
+
+
+def scenario_rows(names: Sequence[str]) -> Iterator[tuple[str, bool]]:
+    """Lines of the table of the limits, each with whether the limit is named rightly."""
+    for name in names:
         found = limiting(name)
-        good &= LIMITING[name] in found
-        sys.stdout.write(f"| {name} | {LIMITING[name]} | {found[0]} | {found[1]} |\n")
+        effects = " | ".join(effect.replace("_", " ") for effect in (LIMITING[name], *found))
+        yield f"| `{name}` | {effects} |", LIMITING[name] in found
+
+
+def tensile_rows(count: int) -> Iterator[tuple[str, bool]]:
+    """Lines of the table of tensile runs, each with whether the strain noise was predicted well enough."""
+    for number in range(count):
+        one = compared(number)
+        noise, interval = f"{1e6 * one.predicted:.0f}", f"{1e6 * one.low:.0f} to {1e6 * one.high:.0f}"
+        error = f"{1e6 * one.found:.0f} | {1e6 * one.constant:.0f} | {one.ratio:.3f}"
+        yield f"| {number} | {one.noise_px:.3f} | {noise} | {interval} | {error} |", abs(one.ratio - 1.0) <= MAX_NOISE_ERROR
+
+
+def printed(name: str, rows: Iterator[tuple[str, bool]], *, write: bool) -> bool:
+    """Print lines as they come, write them into the documentation if there are any, and return whether all are good enough."""
+    lines, good = list[str](), True
+    for line, line_good in rows:
+        sys.stdout.write(line + "\n")
         sys.stdout.flush()
-    return 0 if good else 1
+        lines.append(line)
+        good &= line_good
+    if write and lines:
+        begin, end = (f"<!-- bench_qualify {name}: {part} -->" for part in ("begin", "end"))
+        before, rest = DOCS.read_text(encoding="utf-8").split(begin)
+        heading = rest.split(end)[0].strip().splitlines()[:2]
+        DOCS.write_text(before + "\n".join((begin, "", *heading, *lines, "", end)) + rest.split(end)[1], encoding="utf-8")
+    return good
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the tables that are requested; returns the exit code."""
+    parser = argparse.ArgumentParser(description="Coverage of intervals, limiting effects, and the prediction of strain noise.")
+    parser.add_argument("--maps", type=int, default=60)
+    parser.add_argument("--scenarios", nargs="*", choices=list(LIMITING), default=list(LIMITING))
+    parser.add_argument("--tensile", type=int, default=60, help="number of microscopes in which a specimen is strained")
+    parser.add_argument("--write", action="store_true", help="write the tables into the documentation")
+    given = parser.parse_args(argv)
+    limit_blas_threads()
+    tables = {
+        "coverage": coverage_rows(given.maps),
+        "tensile": tensile_rows(given.tensile),
+        "limits": scenario_rows(given.scenarios),
+    }
+    return 0 if all([printed(name, rows, write=given.write) for name, rows in tables.items()]) else 1
 
 
 if __name__ == "__main__":

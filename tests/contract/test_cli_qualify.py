@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,20 +20,27 @@ ROW_S = FRAME_S / SIZE_PX
 Call = Callable[..., tuple[int, str, str]]
 
 
-def _write_frames(folder: Path) -> None:
-    """Frames of a periodic pattern that moves with the rows as a raster shows it: drift along both axes, shifts, white noise."""
+def _write_frames(folder: Path, pairs_px: Sequence[tuple[float, float]] = PAIRS_PX, turned_pairs: int = 0) -> None:
+    """Frames of a periodic pattern that moves with the rows as a raster shows it: drift along both axes, shifts, white noise.
+
+    The last pairs have the scan turned by 90 degrees: a shift along x is along y in their frames.
+    """
     rng = np.random.default_rng(5)
     pattern = ndimage.gaussian_filter(rng.standard_normal((SIZE_PX, SIZE_PX)), 2.0, mode="wrap")
     spline = ndimage.spline_filter(128.0 + 40.0 * pattern / pattern.std(), mode="grid-wrap")
     y, x = np.mgrid[:SIZE_PX, :SIZE_PX].astype(np.float64)
-    lines = ["frame,pair,phase,start_s,dwell_s,row_time_s,width,height,integrations,load_n,shift_x_px,shift_y_px,pixel_nm"]
-    for frame in range(2 * len(PAIRS_PX)):
-        shift, start_s = PAIRS_PX[frame // 2], 50.0 * (frame // 2) + 20.5 * (frame % 2)
-        moved = [shift[axis] + RATE_PX_S[axis] * (start_s + ROW_S * y) for axis in (0, 1)]
+    lines = ["frame,pair,phase,start_s,dwell_s,row_time_s,width,height,integrations,load_n,shift_x_px,shift_y_px,pixel_nm,rotation_deg"]
+    for frame in range(2 * len(pairs_px)):
+        shift, start_s = pairs_px[frame // 2], 50.0 * (frame // 2) + 20.5 * (frame % 2)
+        turned = frame // 2 >= len(pairs_px) - turned_pairs
+        shown = (-shift[1], shift[0]) if turned else shift
+        moved = [shown[axis] + RATE_PX_S[axis] * (start_s + ROW_S * y) for axis in (0, 1)]
         image = ndimage.map_coordinates(spline, [y - moved[1], x - moved[0]], prefilter=False, mode="grid-wrap")
         noisy = np.clip(np.rint(image + NOISE_GREY * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
         tifffile.imwrite(folder / f"frame_{frame}.tif", noisy)
-        lines.append(f"{frame},{frame // 2},calibration,{start_s},4e-4,{ROW_S},{SIZE_PX},{SIZE_PX},1,,{shift[0]},{shift[1]},10")
+        lines.append(
+            f"{frame},{frame // 2},calibration,{start_s},4e-4,{ROW_S},{SIZE_PX},{SIZE_PX},1,,{shift[0]},{shift[1]},10,{90 * turned}"
+        )
     (folder / "frames.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -83,6 +90,22 @@ def test_frames_without_times_give_no_rate(frames: Path, tmp_path: Path, semlive
     assert {"drift_rate", "frame_interval", "distortion", "stage"} <= {item["name"] for item in found["undetermined"]}
 
 
+def test_pairs_of_a_turned_scan_have_figures_of_their_own(tmp_path: Path, semlive: Call) -> None:
+    _write_frames(tmp_path, (*PAIRS_PX[1:], *PAIRS_PX[1:]), turned_pairs=5)
+    code, output, errors = semlive("qualify", "--from", tmp_path, "--quick", "--json", "--report", tmp_path / "a.html")
+    assert code == 0, errors
+    found = json.loads(output)
+    (setup,) = found["setups"]
+    figures = {figure["name"]: figure for figure in setup["figures"]}
+    assert (found["conditions"]["pairs"], setup["pairs"], setup["rotation_deg"]) == (5, 5, 90.0)
+    assert figures["drift_rate"]["low"] <= float(np.hypot(*RATE_PX_S)) <= figures["drift_rate"]["high"]
+    for name, true in (("scan_turn_error", 0.0), ("pixel_size_ratio", 1.0), ("scan_aspect", 1.0), ("scan_shear", 0.0)):
+        assert figures[name]["low"] <= true <= figures[name]["high"], name
+    missing = {item["name"] for item in found["undetermined"]}
+    assert ("magnification" in missing, "scan_axes" in missing) == (True, False)
+    assert "scan turned by 90" in (tmp_path / "a.html").read_text(encoding="utf-8")
+
+
 def test_a_wrong_request_is_refused(frames: Path, tmp_path: Path, semlive: Call) -> None:
     for given, reason in (
         ((), "give CONFIG of the instrument"),
@@ -108,3 +131,16 @@ def test_the_qualifying_run_needs_no_load_frame(tmp_path: Path, semlive: Call) -
     assert shifts[:4] == [(0.0, 0.0)] * 4
     assert max(x for x, _ in shifts) == largest == -min(y for _, y in shifts)
     assert config.sem.folder == load_config(given).sem.folder
+
+
+def test_an_instrument_may_have_no_load_frame_and_no_stage(tmp_path: Path, semlive: Call) -> None:
+    given, planned = tmp_path / "lab.yaml", tmp_path / "qualifying.yaml"
+    for stage in ("", "stage: {driver: operator}\nlimits: {stage_travel_um: 50}\n"):
+        text = "sem: {folder: export, pixel_size_um: 0.1}\nprotocol: {calibration_shifts_px: [[0, 0]]}\n" + stage
+        given.write_text(text, encoding="utf-8")
+        code, _, errors = semlive("qualify", given, "--protocol", planned)
+        assert code == 0, errors
+        config = load_config(planned)
+        assert (config.load_frame, config.stage and config.stage.driver, config.plan().limits.stage_travel_um) == (
+            None, "operator", 50 if stage else 1000,
+        )  # fmt: skip

@@ -227,7 +227,8 @@ def configuration_page() -> str:
         "`semlive init` writes a commented file; [deploy/examples](../../deploy/examples) has three.",
         "[The list of terms](../explanations/method.md#words) explains terms such as POI and ZNCC.\n",
         "Required are `sem` and `protocol`; `load_frame` with `loads_n`, `limits` with a `load_frame`, and `stage` with a shift other",
-        "than (0, 0) or with recentring (`recentre_beyond_px`).\n",
+        "than (0, 0) or with recentring (`recentre_beyond_px`). Without a `load_frame` every key of `limits` has a default: 0 for those",
+        "of load and extension, and 1000 for `stage_travel_um`.\n",
         *STRICT,
     )
     for heading, cls in SECTIONS:

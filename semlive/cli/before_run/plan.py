@@ -139,7 +139,7 @@ def _configuration_table(config: Config) -> Table:
         table.add_row(
             "loads", f"{', '.join(f'{load_n:g}' for load_n in protocol.loads_n)} N {tolerance}, at {protocol.ramp_rate_n_s:g} N/s"
         )
-    if limits is not None:
+    if limits is not None and config.load_frame is not None:
         table.add_row("force", f"{limits.force_min_n:g} to {limits.force_max_n:g} N, in steps of at most {limits.force_step_max_n:g} N")
         table.add_row("extension", f"{limits.extension_min_mm:g} to {limits.extension_max_mm:g} mm")
     table.add_row("cross-section", "not given" if area is None else f"{area:g} mm²")

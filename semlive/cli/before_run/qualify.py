@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -18,9 +19,16 @@ from semlive.cli.shared.terminal import echo
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadInput
 from semlive.qualify.history import all_dated, comparable, histories
-from semlive.qualify.values import Qualification
+from semlive.qualify.values import Figure, Qualification
 from semlive.report.document.html_writer import html_page
-from semlive.report.qualification_report import change_text, figure_text, history_document, limiting_text, qualification_document
+from semlive.report.qualification_report import (
+    change_text,
+    figure_text,
+    history_document,
+    limiting_text,
+    qualification_document,
+    setup_text,
+)
 from semlive.service.config.configuration import load_config
 from semlive.service.qualification.files import read_qualification, to_json
 from semlive.service.qualification.log_pairs import is_log
@@ -124,12 +132,9 @@ def _print_progress(progress: Progress) -> None:
 
 def _print(found: Qualification) -> None:
     console = Console()
-    table = Table(title="figures with 95 % intervals", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
-    for heading in ("figure", "value", "95 % interval", "unit"):
-        table.add_column(heading)
-    for figure in found.figures:
-        table.add_row(figure.title, *figure_text(figure), figure.unit)
-    console.print(table)
+    console.print(_figures("figures with 95 % intervals", found.figures))
+    for setup in found.setups:
+        console.print(_figures(setup_text(setup), setup.figures))
     strain = Table(title="strain resolution, microstrain", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
     for heading in ("gauge px", "gauge um", "noise", "95 % interval", "false strain", "corrected"):
         strain.add_column(heading, justify="right")
@@ -145,6 +150,15 @@ def _print(found: Qualification) -> None:
     for name in found.conditions.not_paired:
         echo(f"without a pair: {name}")
     echo(limiting_text(found))
+
+
+def _figures(title: str, figures: Sequence[Figure]) -> Table:
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    for heading in ("figure", "value", "95 % interval", "unit"):
+        table.add_column(heading)
+    for figure in figures:
+        table.add_row(figure.title, *figure_text(figure), figure.unit)
+    return table
 
 
 def _qualifications(paths: list[Path]) -> list[Qualification]:

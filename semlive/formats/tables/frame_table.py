@@ -27,11 +27,11 @@ REQUIRED_COLUMNS = (
     "shift_x_px",
     "shift_y_px",
 )
-OPTIONAL_COLUMNS = ("gage_strain", "pixel_nm")
+OPTIONAL_COLUMNS = ("gage_strain", "pixel_nm", "rotation_deg")
 _MAX_INTEGER = 10**7
 # Limits that no scan exceeds: a larger value has another unit.
 _MAX_VALUES = {"dwell_s": 0.1, "row_time_s": 100.0, "start_s": 1e8, "gage_strain": 1.0}
-_MAY_BE_LOST = ("load_n", "gage_strain", "shift_x_px", "shift_y_px", "pixel_nm")
+_MAY_BE_LOST = ("load_n", "gage_strain", "shift_x_px", "shift_y_px", "pixel_nm", "rotation_deg")
 _ROUNDING = 1.001
 
 
@@ -54,6 +54,7 @@ class FrameRow:
         shift_px: commanded translation (x, y) in px; None if unknown.
         gage_strain: mean of a strain gage; None without one.
         pixel_nm: pixel size, nm; None if unknown.
+        rotation_deg: rotation of the scan; None if unknown.
     """
 
     line: int
@@ -70,6 +71,7 @@ class FrameRow:
     shift_px: tuple[float, float] | None
     gage_strain: float | None
     pixel_nm: float | None = None
+    rotation_deg: float | None = None
 
     @property
     def end_s(self) -> float:
@@ -156,6 +158,7 @@ def _row(cells: Mapping[str, str], line: int, where: str, decimal: str) -> Frame
         shift_px=None if shift[0] is None or shift[1] is None else (shift[0], shift[1]),
         gage_strain=at.number_or_none("gage_strain"),
         pixel_nm=at.number_or_none("pixel_nm"),
+        rotation_deg=at.number_or_none("rotation_deg"),
     )
     if row.pixel_nm is not None and not row.pixel_nm > 0:
         raise at.wrong("pixel_nm", f"is {row.pixel_nm:g}", "give a size above 0 in nm")

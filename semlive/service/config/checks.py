@@ -56,7 +56,7 @@ class Contradiction:
 def contradictions(config: Config) -> Iterator[Contradiction]:
     """Return the inconsistent values, the most severe first."""
     if config.limits is not None:
-        yield from _limits(config.limits)
+        yield from _limits(config.limits, loaded=config.load_frame is not None)
         yield from _loads(config, config.limits)
     yield from _times(config)
     yield from _confirmed(config)
@@ -66,10 +66,10 @@ def contradictions(config: Config) -> Iterator[Contradiction]:
     yield from _correlation(config)
 
 
-def _limits(limits: Limits) -> Iterator[Contradiction]:
+def _limits(limits: Limits, *, loaded: bool) -> Iterator[Contradiction]:
     for low, high, unit in (("force_min_n", "force_max_n", "N"), ("extension_min_mm", "extension_max_mm", "mm")):
         minimum, maximum = getattr(limits, low), getattr(limits, high)
-        if not minimum < maximum:
+        if not minimum < maximum and (loaded or (minimum, maximum) != (0.0, 0.0)):  # both are 0 where nothing loads
             yield Contradiction(("limits", low), f"{minimum:g} {unit} is not below {high}, {maximum:g} {unit}; correct one of the two")
     for field in dataclasses.fields(limits):
         value = getattr(limits, field.name)

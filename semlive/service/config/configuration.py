@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
@@ -50,6 +50,14 @@ class Config(Section):
     """Effects that are corrected in the maps; `--model` adds them here."""
     confirmed_unusual: list[str] = Field(default_factory=list)
     """Keys whose implausible values are intended (`semlive.service.config.plausibility`)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _limits_without_load_frame(cls, given: Any) -> Any:
+        """Complete the limits, which without a load frame bound the stage and the age of readings only."""
+        if isinstance(given, dict) and given.get("load_frame") is None and isinstance(given.get("limits"), dict):
+            return {**given, "limits": {**dataclasses.asdict(_NO_LOAD_LIMITS), **given["limits"]}}
+        return given
 
     @model_validator(mode="after")
     def _devices_fit_protocol(self) -> Config:

@@ -90,6 +90,9 @@ def load_frame(frame: FolderFrame, number: int) -> Frame:
     if frame.row is not None:
         source = Provenance.CONFIG if frame.file_ns is None else Provenance.DERIVED
         info = replace(info, timing=_row_timing(frame.row), start_time_ns=Sourced(frame.start_ns, source), start_sigma_s=0.0)
+        if frame.row.rotation_deg is not None:
+            rotation = Sourced(frame.row.rotation_deg, Provenance.CONFIG)
+            info = replace(info, column=replace(info.column, scan_rotation_deg=rotation))
     elif not frame.timed:
         timing = replace(timing, **{name: Sourced(getattr(timing, name).value, Provenance.ASSUMED) for name in _TIMES})
         info = replace(info, timing=timing, start_time_ns=Sourced(frame.start_ns, Provenance.ASSUMED))

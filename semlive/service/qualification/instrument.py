@@ -58,6 +58,11 @@ def instrument_of(path: Path, purpose: str) -> Instrument:
     return Instrument(config, sections, tuple(config.confirmed_unusual))
 
 
+def operator_stage(um_per_px: float) -> dict[str, object]:
+    """Section of a stage that an operator moves, or of shifts of the beam that an operator sets."""
+    return {"driver": "operator", "settings": {"um_per_px": um_per_px}}
+
+
 def run_text(head: str, sections: Sections, confirmed: tuple[str, ...], where: str) -> str:
     """Configuration of a run as YAML, after a comment.
 

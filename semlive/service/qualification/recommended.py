@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from semlive.qualify.values import Qualification
-from semlive.service.qualification.instrument import Sections, instrument_of, run_text
+from semlive.service.qualification.instrument import Sections, instrument_of, operator_stage, run_text
 
 
 def configuration_text(qualification: Qualification, folder: Path, instrument: Path | None = None) -> str:
@@ -39,8 +39,8 @@ def configuration_text(qualification: Qualification, folder: Path, instrument: P
 def _operated(qualification: Qualification, folder: Path) -> Sections:
     """Sections of an instrument without drivers: an export folder, and an operator who moves the specimen."""
     pixel_um = float(f"{1e-3 * qualification.conditions.pixel_nm or 1.0:.6g}")
-    stage: dict[str, object] = {"driver": "operator", "settings": {"um_per_px": pixel_um}}
-    return {"run": {"name": "qualified"}, "sem": {"folder": str(folder), "pixel_size_um": pixel_um}, "stage": stage}
+    sem: dict[str, object] = {"folder": str(folder), "pixel_size_um": pixel_um}
+    return {"run": {"name": "qualified"}, "sem": sem, "stage": operator_stage(pixel_um)}
 
 
 def _with_protocol(devices: Sections, qualification: Qualification) -> Sections:

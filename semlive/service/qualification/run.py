@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from semlive.data.experiment import Phase, Step
@@ -18,6 +18,7 @@ from semlive.qualify.assess import assess
 from semlive.qualify.evidence import MAX_NOISE_PAIRS, PairMeasurement, conclude, first_settings, measure_pair
 from semlive.qualify.needs import Need, needs, remaining_pairs
 from semlive.qualify.pairing import frame_step, pair_frames
+from semlive.qualify.setups import ScanSetup, SetupMeasurement, joined, setup_of
 from semlive.qualify.values import Qualification
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of
@@ -97,30 +98,37 @@ def qualify_source(request: QualifyRequest, watch: Watch | None = None, report: 
     given = _of_log(request) if request.follow or is_log(request.source) else _of_folder(request, watch)
     # Every n-th pair is enough for the noise of other subsets.
     every = max(1, -(-given.count // MAX_NOISE_PAIRS))
-    measured: _Measured | None = None
+    setups: list[_Measured] = []
     for number, pair in enumerate(given.pairs):
+        setup = setup_of(pair.first.info)
+        measured = next((one for one in setups if one.setup.is_same(setup)), None)
         try:
-            measured = measured or _begin(request, pair.first)
-            measured.state, found = measure_pair(measured.settings, measured.state, pair, number % every == 0)
+            if measured is None:
+                measured = _begin(request, pair.first)
+                setups.append(measured)
+            count = len(measured.pairs)
+            measured.state, found = measure_pair(measured.settings, measured.state, _numbered(pair, count), number % every == 0)
         except IllPosed as error:
             raise BadInput(f"{request.source}: {pair.first.info.name}: {error}") from error
         measured.pairs.append(found)
         measured.commands.append(pair.decision.step.shift_px if given.shifted else None)
         watch("pair", number + 1, max(given.count, number + 1))
         if request.follow:
-            progress = _progress(_assessed(request, given, measured, search_effects=False), measured.pairs, given.count)
+            progress = _progress(_assessed(request, given, measured, search_effects=False).found, measured.pairs, given.count)
             if report is not None:
                 report(progress)
             if not progress.needs:
                 break
-    assert measured is not None  # there is a pair
-    return _assessed(request, given, measured, search_effects=request.search_effects)
+    main = max(setups, key=lambda one: len(one.pairs))
+    others = [_assessed(request, given, one, search_effects=False) for one in setups if one is not main]
+    return joined(_assessed(request, given, main, search_effects=request.search_effects), others)
 
 
 @dataclass(slots=True, eq=False)
 class _Measured:
-    """The pairs that were measured so far, with the state after the last one."""
+    """The pairs of one setup that were measured so far, with the state after the last one."""
 
+    setup: ScanSetup
     first: Frame
     settings: AnalysisSettings
     choice: CorrelationChoice
@@ -130,16 +138,27 @@ class _Measured:
 
 
 def _begin(request: QualifyRequest, first: Frame) -> _Measured:
-    return _Measured(first, *first_settings(first, AnalysisSettings(scan=request.profile)))
+    return _Measured(setup_of(first.info), first, *first_settings(first, AnalysisSettings(scan=request.profile)))
 
 
-def _assessed(request: QualifyRequest, given: _Input, measured: _Measured, *, search_effects: bool) -> Qualification:
+def _numbered(pair: Pair, number: int) -> Pair:
+    """A pair with its number within its setup, from which its frames have their numbers."""
+    decision = pair.decision
+    return (
+        pair
+        if decision.pair == number
+        else replace(pair, decision=replace(decision, pair=number, step=replace(decision.step, step=number)))
+    )
+
+
+def _assessed(request: QualifyRequest, given: _Input, measured: _Measured, *, search_effects: bool) -> SetupMeasurement:
     assert measured.state is not None  # after a pair
     try:
         evidence = conclude(measured.first, measured.choice, measured.state, measured.pairs, search_effects=search_effects)
     except IllPosed as error:
         raise BadInput(f"{request.source}: {error}") from error
-    return assess(evidence, request.source.resolve().name, given.not_paired, measured.commands)
+    found = assess(evidence, request.source.resolve().name, given.not_paired, measured.commands)
+    return SetupMeasurement(measured.setup, measured.commands, evidence.estimate.motions, found)
 
 
 def _progress(found: Qualification, measured: Sequence[PairMeasurement], planned: int) -> Progress:

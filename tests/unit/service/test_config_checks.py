@@ -46,6 +46,18 @@ def test_a_sensible_configuration_is_taken(tmp_path: Path) -> None:
     load(tmp_path, changed("limits", unloaded_max_n=0))
 
 
+def test_limits_without_a_load_frame_are_those_of_the_stage(tmp_path: Path) -> None:
+    unloaded = {**changed("protocol", loads_n=[]), "load_frame": None, "limits": {"stage_travel_um": 50, "stale_after_s": 1}}
+    load(tmp_path, unloaded)
+    plan = load_config(tmp_path / "run.yaml").plan()
+    assert (plan.limits.force_max_n, plan.limits.stage_travel_um, plan.limits.stale_after_s) == (0.0, 50, 1)
+    load(tmp_path, {**unloaded, "limits": {"stale_after_s": 1}})
+    with pytest.raises(BadConfig, match=r"limits\.force_min_n is missing"):
+        load(tmp_path, {**GIVEN, "limits": {"stage_travel_um": 50}})
+    with pytest.raises(BadConfig, match=r"400 N is not below force_max_n, 300 N"):
+        load(tmp_path, {**unloaded, "limits": {"force_min_n": 400, "force_max_n": 300}})
+
+
 @pytest.mark.parametrize(
     ("section", "values", "words"),
     [
