@@ -35,7 +35,7 @@ def add_map_wave_verdict(maps: Diagnosis, waves: RowDiagnosis, adequacy: Adequac
     """
     explained = maps.outcome is Outcome.UNKNOWN and not maps.effects and adequacy is not None and adequacy.passed
     if waves.outcome is Outcome.IDENTIFIED and explained:
-        maps = replace(maps, outcome=Outcome.NONE, adequacy=adequacy, closest=())
+        maps = replace(maps, outcome=Outcome.NONE, adequacy=adequacy, closest=(), outside=None)
     return _combine(maps, waves)
 
 

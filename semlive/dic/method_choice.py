@@ -85,7 +85,8 @@ def without_contradicted(of_field: DisparityMap, of_subsets: DisparityMap) -> Di
     contradicted = of_field.valid & of_subsets.valid & (away_px > DISAGREEMENT_PX + SIGMAS * sigma_px)
     grid = of_field.grid
     reach = max(1, round(0.5 * grid.subset_px / grid.step_px))
-    refused = of_field.valid & ndimage.binary_dilation(contradicted, np.ones((3, 3), dtype=np.bool_), iterations=reach)
+    near = np.asarray(ndimage.binary_dilation(contradicted, np.ones((3, 3), dtype=np.bool_), iterations=reach), dtype=np.bool_)
+    refused = of_field.valid & near
     values = {name: np.where(refused, 0.0, value) for name in VALUES if (value := getattr(of_field, name)) is not None}
     status = np.where(refused, np.uint8(PoiStatus.INCONSISTENT), of_field.status)
     return dataclasses.replace(of_field, **values, status=status)

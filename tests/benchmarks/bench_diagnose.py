@@ -28,7 +28,9 @@ import numpy as np
 from blind.cases import GRID, ONE, Case, Counts, cases
 from blind.experiment import Conditions
 from blind.hiding import DETECTABLE_PX
+from blind.nuisance import NUISANCES
 from blind.observing import observed
+from blind.outside import experiments, outside_table, store
 from blind.scoring import Verdict, table
 
 from semlive.data.diagnosis.verdict import Diagnosis
@@ -42,7 +44,7 @@ from semlive.model.effects import EFFECT_CLASSES, EffectClass
 
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "diagnosis.md"
 CLOSURE_AT = [4.0, 16.0]
-MEASURED, LARGEST, WHITE = "measured", "sixteen", "white"
+MEASURED, LARGEST, WHITE, OUTSIDE = "measured", "sixteen", "white", "outside"
 
 
 def main() -> None:
@@ -51,7 +53,8 @@ def main() -> None:
     counts = Counts(
         arguments.seeds, arguments.nulls, arguments.doubles, arguments.strange, arguments.deformed, arguments.removed, arguments.confounded
     )
-    chosen = [replace(entry, white=arguments.white) for entry in cases(arguments.set, counts, arguments.sizes, arguments.effects)]
+    listed = cases(arguments.set, counts, arguments.sizes, arguments.effects)
+    chosen = [replace(entry, white=arguments.white, under=arguments.under) for entry in listed]
     arguments.folder.mkdir(parents=True, exist_ok=True)
     if not arguments.score:
         _run(chosen, arguments)
@@ -62,6 +65,9 @@ def main() -> None:
     if arguments.write:
         part = WHITE if arguments.white else LARGEST if arguments.sizes == CLOSURE_AT[1:] else MEASURED
         write(found, f"{len(scored)} of {len(chosen)} cases of the {arguments.set} set", part)
+        if part == MEASURED:
+            store(scored)
+            write(outside_table(scored), f"{sum(map(len, experiments(scored).values()))} experiments in the calibration", OUTSIDE)
 
 
 def _arguments() -> argparse.Namespace:
@@ -77,6 +83,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--removed", type=int, default=0, help="of each effect, the dictionary being without it")
     parser.add_argument("--confounded", type=int, default=0, help="of each effect that one experiment cannot separate from the baseline")
     parser.add_argument("--white", action="store_true", help="points share no noise, none is lost or wrong")
+    parser.add_argument("--under", default="", choices=("", *NUISANCES), help="a condition that the usual cases do not have")
     parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--folder", type=Path, default=Path("blind"))

@@ -109,6 +109,12 @@ def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
             f"with all effects the residual of the maps is still not noise: test over {test.domain}, p = {test.p_value:.1g}, "
             f"{test.rms_px:.4f} px rms"
         )
+    outside = diagnosis.outside
+    if outside is not None and outside.p_value < 1.0:
+        console.print(
+            f"anything outside the catalogue: p = {outside.p_value:.2g}, conformal, from the outcomes of {outside.experiments} simulated "
+            "experiments with at most listed effects; exact for experiments like those"
+        )
     for name in diagnosis.coarse:
         console.print(f"{name}: {UNDERRESOLVED[name]}")
     if diagnosis.truncated:

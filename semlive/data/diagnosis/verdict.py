@@ -173,6 +173,19 @@ class AdequacyTest:
 
 
 @dataclass(frozen=True, slots=True)
+class OutsideTest:
+    """Conformal test of the maps for anything outside the catalogue, such as an unlisted effect.
+
+    Attributes:
+        p_value: with at most listed effects, an outcome like this or further from them has at most this probability.
+        experiments: number of simulated experiments in the calibration.
+    """
+
+    p_value: float
+    experiments: int
+
+
+@dataclass(frozen=True, slots=True)
 class RunExtent:
     """Time and frame size of a run.
 
@@ -229,6 +242,7 @@ class Diagnosis:
         truncated: whether the search for effects ended at the limit of its work, with a significant residual.
         adequacy: test of the residual of the maps with all effects; None if it was not possible.
         closest: for UNKNOWN, names of the most likely single effects, and the share of the gap that each closes alone; none is found.
+        outside: test of the maps for anything outside the catalogue; None if the maps were tested again with a wave.
     """
 
     outcome: Outcome
@@ -249,3 +263,4 @@ class Diagnosis:
     truncated: bool = False
     adequacy: AdequacyTest | None = None
     closest: tuple[tuple[str, float], ...] = ()
+    outside: OutsideTest | None = None

@@ -236,6 +236,7 @@ def _scene(
         ),
         drift_knot_s=state.drift.spline.spacing,
         distortion_knot_px=state.distortion.along_y.spacing,
+        subset_s=state.grid.subset_px * state.frame_time(int(frames[0])).timing.row_time_s.value,
     )
 
 
@@ -281,7 +282,7 @@ def _moved(observation: Observation, scene: RunGeometry, frames: NDArray[np.int6
     """Blocks displaced by (b, 2) px, as observed in the given frames."""
     address = scene.address_px + by_px
     time_s, in_frame, in_row = _visited(observation.state, frames, address)
-    return replace(scene, address_px=address, time_s=time_s, time_in_frame_s=in_frame, time_in_row_s=in_row)
+    return replace(scene, address_px=address, time_s=time_s, time_in_frame_s=in_frame, time_in_row_s=in_row, subset_s=0.0)
 
 
 def _drift_rate(solution: Solution, time_s: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ from semlive.diagnose.maps.cross_validation import held_out_misfit
 from semlive.diagnose.maps.domain_tests import run_domain_tests
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR, SelectedEffect
 from semlive.diagnose.maps.figure_data import figure_data
+from semlive.diagnose.maps.outside_catalogue import outside_test
 from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
 from semlive.diagnose.maps.relinearise import CouplingChoice, choose_coupling, relinearise_with_effects
 from semlive.diagnose.maps.screening import Screening
@@ -88,6 +89,7 @@ def diagnose(
         truncated=result.search.truncated,
         adequacy=adequacy,
         closest=_closest(result, seed) if verdict.outcome is Outcome.UNKNOWN else (),
+        outside=outside_test(verdict.outcome),
     )
     return replace(verdict, model_effects=tuple(model_effects), run=RunExtent(observation.geometry.end_s, (width, height)))
 

@@ -34,8 +34,8 @@ MAX_SIGMA_PX = 1.0  # larger uncertainties are of no use
 MIN_SUPPORT = 0.6  # of the blocks around a point
 ROUND_TRIP_PX, ROUND_TRIP_SIGMAS = 0.5, 3.0
 # Residual of a subset relative to the median of the map, absolute and relative to the contrast. At cracks that the field bridges it is 4
-# to 75 times; limits of 6, 10 and 15 leave 66, 116 and 241 of 4,221 wrong points of 29 scenes, and 98.7, 99.7 and 99.9 % of the points that are
-# matchable in rasters without a crack.
+# to 75 times; limits of 6, 10 and 15 leave 66, 116 and 241 of 4,221 wrong points of 29 scenes, and 98.7, 99.7 and 99.9 % of the points
+# that are matchable in rasters without a crack.
 MISFIT_RATIO = 10.0
 MISFIT_REACH = 0.25  # of a subset around such points
 

@@ -53,6 +53,7 @@ class RunGeometry:
         drift_knot_s: knot distance of the drift spline, s.
         distortion_knot_px: largest knot distance of the distortion spline, px.
         pixel_ratio: pixel size relative to that of the run with which it is compared.
+        subset_s: scan time of the rows of a subset, s; 0 for points that are no means.
     """
 
     address_px: Array
@@ -72,6 +73,7 @@ class RunGeometry:
     drift_knot_s: float
     distortion_knot_px: float
     pixel_ratio: float = 1.0
+    subset_s: float = 0.0
 
     @property
     def x(self) -> Array:

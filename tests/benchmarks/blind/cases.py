@@ -12,6 +12,7 @@ import numpy as np
 from blind.deformed import DEFORMED, deformed
 from blind.experiment import Conditions, beyond_shear_px, largest_px
 from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, hidden_constants, hidden_effect, hidden_values
+from blind.nuisance import ANY_SIZE, GRIDS, under
 from blind.observing import observed
 from blind.strange import STRANGE
 from numexp.noise import NoiseKind
@@ -26,7 +27,7 @@ from semlive_simulators.effects.scan_timing import WrongRowTime
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
 """Every third point of the usual grid: its block means differ by less than their noise, and cases are made in half the time."""
-FIRST_SEED = {"development": 1, "final": 100_001}
+FIRST_SEED = {"development": 1, "final": 100_001, "calibration": 200_001, "nuisance": 300_001}
 """Nothing may be chosen by the results of the final set."""
 WIDEST = 1.0
 """Error of a row time: the largest in the catalogue. Where the drift's rate hardly varies maps show little even of that."""
@@ -56,6 +57,7 @@ class Case:
         size: times what can be detected; px of an unlisted effect; what is confounded is as large as the library has it at x200.
         seed: of everything.
         white: whether points share no noise and none is lost or wrong.
+        under: a nuisance that the usual cases do not have, or nothing.
     """
 
     kind: str
@@ -63,11 +65,12 @@ class Case:
     size: float
     seed: int
     white: bool = False
+    under: str = ""
 
     @property
     def key(self) -> str:
         """Key of its data and verdict; reveals nothing of the hidden effect."""
-        fields = {name: value for name, value in asdict(self).items() if name != "white" or value}
+        fields = {name: value for name, value in asdict(self).items() if name not in ("white", "under") or value}
         return hashlib.sha256(b"semlive blind, sizes as they can be detected " + json.dumps(fields).encode()).hexdigest()[:16]
 
     def effects(self) -> tuple[Effect, ...]:
@@ -80,7 +83,18 @@ class Case:
             return (self._unlisted_effect(),)
         if self.kind == CONFOUNDED:
             return (LIBRARY[self.names[0]].defaults("x200"),)
-        return tuple(self._effect(name, peak_px(name, self.size)) for name in self.names)
+        return tuple(self._effect(name, self._peak_px(name)) for name in self.names)
+
+    def _peak_px(self, name: str) -> float:
+        if self.under != ANY_SIZE:
+            return peak_px(name, self.size)
+        least, largest = np.log(np.maximum(PHYSICAL_PX[name], 1e-3))
+        return float(np.exp(np.random.default_rng((self.seed, 79, tuple(DETECTABLE_PX).index(name))).uniform(least, largest)))
+
+    @property
+    def detectable(self) -> bool:
+        """Whether each effect is at least four times as large as can be detected; sizes that are drawn may not be."""
+        return self.under != ANY_SIZE or all(self._peak_px(name) >= 4.0 * DETECTABLE_PX[name] for name in self.names)
 
     def _unlisted_effect(self) -> Effect:
         kind = STRANGE[self.names[0]]
@@ -120,7 +134,8 @@ class Case:
 
     def conditions(self) -> Conditions:
         """As they are stated for sizes that can be detected; where nothing is hidden they vary."""
-        return replace(self._shared(), kind=NoiseKind.WHITE, missing=0.0, outliers=0.0) if self.white else self._shared()
+        shared = under(self.under, self._shared())
+        return replace(shared, kind=NoiseKind.WHITE, missing=0.0, outliers=0.0) if self.white else shared
 
     def _shared(self) -> Conditions:
         if self.kind != NOTHING:
@@ -141,7 +156,7 @@ class Case:
 
     def observed(self, grid: Grid = GRID, settings: EstimateSettings | None = None) -> Observation:
         """The data."""
-        return observed(self.conditions(), self.effects(), grid, settings)
+        return observed(self.conditions(), self.effects(), GRIDS.get(self.under, grid), settings)
 
 
 @cache  # a size is found by two simulations of the complete experiment

@@ -31,6 +31,8 @@ COARSE = Grid(101, 101, 60, 13, 10, 43)
 HOLD_S = 30.0
 AREA_MM2, YOUNGS_GPA = 10.0, 71.1
 STANDS_STILL_PX, MAX_ITERATIONS = 1e-9, 40
+ROW_PX = 3
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(3)
 _NOBODY = np.zeros((1, 1), dtype=np.bool_)
 
 
@@ -77,6 +79,9 @@ class Conditions:
         of_column: whether the distortion stays with the column where the scan is turned, and does not turn with it.
         injected: strain along y that every pair under load has besides.
         subset_px: edge of what a point's displacement is the mean of; 0 for the point alone.
+        pause_s: mean of what every pause is longer by, exponentially distributed.
+        clock_sd_s: standard deviation of the error of a reported start.
+        lost_px: radius of a disc that is lost in every map, and of another in every third.
     """
 
     seed: int
@@ -97,11 +102,20 @@ class Conditions:
     of_column: bool = False
     injected: float = 0.0
     subset_px: int = 0
+    pause_s: float = 0.0
+    clock_sd_s: float = 0.0
+    lost_px: float = 0.0
 
     @property
     def noisy(self) -> int:
         """The seed of what differs where everything is measured again."""
         return self.seed if self.noise_seed is None else self.noise_seed
+
+    def begin_s(self, frame: int) -> float:
+        """When a frame begins."""
+        if not self.pause_s:
+            return start_s(frame)
+        return start_s(frame) + float(np.random.default_rng((self.seed, 15)).exponential(self.pause_s, frame).sum())
 
 
 def poses(conditions: Conditions) -> list[Pose]:
@@ -112,7 +126,7 @@ def poses(conditions: Conditions) -> list[Pose]:
     steps: list[LoadStep] = []
     before_px, before_n = (0.0, 0.0), 0.0
     for pair in range(conditions.calibration + conditions.tension):
-        when_s = start_s(2 * pair) - HOLD_S
+        when_s = conditions.begin_s(2 * pair) - HOLD_S
         loaded = pair >= conditions.calibration
         strain = TOP_STRAIN * (pair - conditions.calibration) / max(conditions.tension - 1, 1) if loaded else 0.0
         load_n = strain * YOUNGS_GPA * 1e3 * AREA_MM2
@@ -137,36 +151,86 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
     world = world_of(conditions, effects)
     noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.noisy, WIDTH_PX, HEIGHT_PX)
     points = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
-    here, weight = within_subsets(points, conditions.subset_px)
-    material = observed_at(world, here, 0, reported[0].motion)
+    subsets = Subsets.of(grid, conditions.subset_px)
+    here = subsets.places
+    material = observed_at(world, here, 0, reported[0].motion, conditions.begin_s(0))
     found = []
     for pose in reported:
         first, second = 2 * pose.pair, 2 * pose.pair + 1
         strained = (material - world.column.scan.centre_px) @ pose.motion.gradient[0].T
         near = here + _by_scan(world, pose.motion.shift_px[0]) + _by_scan(world, strained)
-        there = {first: address(world, material, first, pose.motion, near)} if pose.pair else {}
-        there[second] = address(world, material, second, pose.motion, there[first] if pose.pair else near)
+        begin_s = {frame: conditions.begin_s(frame) for frame in (first, second)}
+        there = {first: address(world, material, first, pose.motion, near, begin_s[first])} if pose.pair else {}
+        there[second] = address(world, material, second, pose.motion, there[first] if pose.pair else near, begin_s[second])
         maps = []
         for frame, at in there.items():
-            moved = np.einsum("s,psc->pc", weight, (at - here).reshape(len(points), -1, 2))
-            maps.append(_map(noise, conditions, grid, frame, points, points + moved))
-        times = tuple(FrameTime(frame, start_s(frame), timing(conditions.scan)) for frame in (first, second))
+            maps.append(_map(noise, conditions, grid, frame, points, points + subsets.mean(at - here)))
+        times = tuple(
+            FrameTime(frame, at_s + _clock_error_s(conditions, frame), timing(conditions.scan)) for frame, at_s in begin_s.items()
+        )
         found.append(HiddenPair(pose, (times[0], times[1]), tuple(maps)))
     return found
 
 
-def within_subsets(points: Field, subset_px: int) -> tuple[Field, Field]:
-    """(n s, 2) places in the subsets of points (n, 2), and (s,) what each counts in their mean: three by three of Gauss and Legendre."""
-    if not subset_px:
-        return points, np.ones(1)
-    node, weight = np.polynomial.legendre.leggauss(3)
-    off = 0.5 * subset_px * np.stack(np.meshgrid(node, node), axis=-1).reshape(-1, 2)
-    return (points[:, None] + off).reshape(-1, 2), 0.25 * np.outer(weight, weight).ravel()
+@dataclass(frozen=True, slots=True)
+class Subsets:
+    """Places in the subsets of all points, on rows and columns that overlapping subsets share.
+
+    A row has a time of its own, so a jump within a frame is a mean over all rows of a subset, as a correlation has it. With three rows
+    of Gauss and Legendre, it had three steps of 1.8 s.
+
+    Attributes:
+        places: (n, 2) scan addresses.
+        shape: points along y and x.
+        rows: of a subset.
+        stride: rows from one point to the next.
+    """
+
+    places: Field
+    shape: tuple[int, int]
+    rows: int
+    stride: int
+
+    @classmethod
+    def of(cls, grid: Grid, subset_px: int) -> Subsets:
+        """Rows about `ROW_PX` apart; three columns of Gauss and Legendre. The points alone if there is no subset."""
+        stride = -(-grid.step_px // ROW_PX) if subset_px else 1
+        row_px = grid.step_px / stride
+        half = round(0.5 * (subset_px / row_px - 1.0)) if subset_px else 0
+        y = grid.y0_px + row_px * np.arange(-half, stride * (grid.ny - 1) + half + 1)
+        x = grid.x0_px + grid.step_px * np.arange(grid.nx)[:, None] + (0.5 * subset_px * NODES if subset_px else 0.0)
+        places = np.stack(np.meshgrid(x.ravel(), y), axis=-1).reshape(-1, 2)
+        return cls(places, grid.shape, 2 * half + 1, stride)
+
+    def mean(self, moved: Field) -> Field:
+        """(points, 2) means of values (n, 2) at the places."""
+        ny, nx = self.shape
+        along_x = moved.reshape(-1, nx, len(moved) // (nx * self._height), 2)
+        along_x = along_x[:, :, 0] if along_x.shape[2] == 1 else np.einsum("s,yxsc->yxc", 0.5 * WEIGHTS, along_x)
+        windows = np.lib.stride_tricks.sliding_window_view(along_x, self.rows, axis=0)[:: self.stride]
+        return windows.mean(axis=-1).reshape(ny * nx, 2)
+
+    @property
+    def _height(self) -> int:
+        return self.stride * (self.shape[0] - 1) + self.rows
+
+
+def _clock_error_s(conditions: Conditions, frame: int) -> float:
+    return conditions.clock_sd_s * float(np.random.default_rng((conditions.noisy, 13, frame)).normal()) if conditions.clock_sd_s else 0.0
+
+
+def _lost(conditions: Conditions, grid: Grid, frame: int) -> NDArray[np.bool_]:
+    x, y = grid.mesh()
+    lost = np.zeros(grid.shape, np.bool_)
+    for place in (0,) if frame % 3 else (0, frame):
+        centre = np.random.default_rng((conditions.noisy, 14, place)).uniform((x.min(), y.min()), (x.max(), y.max()))
+        lost |= np.hypot(x - centre[0], y - centre[1]) < conditions.lost_px
+    return lost
 
 
 def world_of(conditions: Conditions, effects: tuple[Effect, ...] = ()) -> World:
     """The microscope of an experiment."""
-    return _world(conditions, start_s(2 * (conditions.calibration + conditions.tension)) - PAUSE_S, effects)
+    return _world(conditions, conditions.begin_s(2 * (conditions.calibration + conditions.tension)) - PAUSE_S, effects)
 
 
 def _world(conditions: Conditions, run_s: float, effects: tuple[Effect, ...]) -> World:
@@ -237,11 +301,11 @@ def _displacements(conditions: Conditions, effects: tuple[Effect, ...]) -> tuple
     return np.stack([item.u_px for item in maps]), np.stack([item.v_px for item in maps])
 
 
-def address(world: World, material: Field, frame: int, motion: Motion, near: Field) -> Field:
+def address(world: World, material: Field, frame: int, motion: Motion, near: Field, begin_s: float) -> Field:
     """(n, 2) scan addresses at which a frame shows material points (n, 2)."""
     at = near
     for _ in range(MAX_ITERATIONS):
-        wrong = observed_at(world, at, frame, motion) - material
+        wrong = observed_at(world, at, frame, motion, begin_s) - material
         at = at - _by_scan(world, wrong)
         if np.max(np.abs(wrong)) < STANDS_STILL_PX:
             return at
@@ -253,23 +317,23 @@ def _by_scan(world: World, moved: Field) -> Field:
     return moved @ world.column.scan.rotation if world.column.scan.rotation_rad else moved
 
 
-def observed_at(world: World, at: Field, frame: int, motion: Motion) -> Field:
-    """(n, 2) material points that a frame shows at scan addresses (n, 2)."""
+def observed_at(world: World, at: Field, frame: int, motion: Motion, begin_s: float) -> Field:
+    """(n, 2) material points that a frame, begun at such a time, shows at scan addresses (n, 2)."""
     column, scan, timing_ = world.column, world.column.scan, world.column.timing
     rows = np.arange(scan.height_px)
     visits = []
     for row_start_s in timing_.row_start_s:
         in_frame = np.interp(at[:, 1], rows, row_start_s) + at[:, 0] * timing_.dwell_time_s
         beyond = at[:, 1] - np.clip(at[:, 1], 0, scan.height_px - 1)
-        time_s = start_s(frame) + in_frame + beyond * timing_.row_time_s
+        time_s = begin_s + in_frame + beyond * timing_.row_time_s
         bend = world.bend_px(at)
         visit = PixelVisits(
-            at[:, :1], at[:, 1:], time_s[:, None], start_s(frame), frame, 0, _NOBODY, scan, motion, (bend[:, :1], bend[:, 1:])
+            at[:, :1], at[:, 1:], time_s[:, None], begin_s, frame, 0, _NOBODY, scan, motion, (bend[:, :1], bend[:, 1:])
         )  # fmt: skip
         shifted = at - bend
         for u, v in column.effects.offset_px(visit):
             shifted = shifted - np.concatenate(np.broadcast_arrays(u, v, at[:, :1])[:2], axis=1)
-        maps = column.row_maps(time_s, motion, start_s(frame), frame)
+        maps = column.row_maps(time_s, motion, begin_s, frame)
         point = np.einsum("nij,nj->ni", maps[:, :, :2], shifted) + maps[:, :, 2]
         visits.append(_undeformed(world, point, visit, np.linalg.inv(np.eye(2) + motion.gradient[0])))
     return np.mean(visits, axis=0)
@@ -291,6 +355,7 @@ def _map(noise: FrameNoise, conditions: Conditions, grid: Grid, frame: int, here
     moved = exact + noise.at(frame, there) - noise.at(0, here) + conditions.bias_px * np.sin(2 * np.pi * exact)
     status = np.full(grid.shape, PoiStatus.CONVERGED, np.uint8)
     status[rng.random(grid.shape) < conditions.missing] = PoiStatus.LOW_ZNCC
+    status[_lost(conditions, grid, frame)] = PoiStatus.LOW_ZNCC
     wrong = (rng.random(len(here)) < conditions.outliers)[:, None] * rng.normal(0.0, 1.0, here.shape)
     lost = (status != PoiStatus.CONVERGED).ravel()[:, None]
     u, v = (np.ascontiguousarray(item.reshape(grid.shape)) for item in np.where(lost, 0.0, moved + wrong).T)

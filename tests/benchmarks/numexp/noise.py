@@ -13,6 +13,7 @@ LATTICE_PX = 5
 MARGIN_PX = 100
 # A 43 px subset covers 8.6 points of the lattice: N points are worth N (5 / 43)^2 independent ones, 243 of 18,000.
 SUBSET_WEIGHTS = np.array([0.8, *[1.0] * 7, 0.8])
+GAUSSIAN_WEIGHTS = np.exp(-0.5 * (np.arange(-6, 7) * LATTICE_PX / 8.6) ** 2)
 
 
 class NoiseKind(Enum):
@@ -22,6 +23,8 @@ class NoiseKind(Enum):
     WHITE = "white"
     CORRELATED = "correlated"
     """Means over 43 px subsets that overlap on the 5 px grid."""
+    GAUSSIAN = "gaussian"
+    """Gaussian weights with a standard deviation of a fifth of the subset."""
 
 
 @dataclass
@@ -57,7 +60,8 @@ class FrameNoise:
         rng = np.random.default_rng((self.seed, 71, frame))
         shape = (2, (self.height_px + 2 * MARGIN_PX) // LATTICE_PX + 1, (self.width_px + 2 * MARGIN_PX) // LATTICE_PX + 1)
         white = rng.normal(size=shape)
-        if self.kind is NoiseKind.CORRELATED:
-            weights = SUBSET_WEIGHTS / np.sqrt(np.sum(SUBSET_WEIGHTS**2))
+        if self.kind is not NoiseKind.WHITE:
+            weights = GAUSSIAN_WEIGHTS if self.kind is NoiseKind.GAUSSIAN else SUBSET_WEIGHTS
+            weights = weights / np.sqrt(np.sum(weights**2))
             white = correlate1d(correlate1d(white, weights, axis=1, mode="wrap"), weights, axis=2, mode="wrap")
         return white * (self.map_sd_px / np.sqrt(2.0))

@@ -37,6 +37,7 @@ RUNS: dict[str, tuple[str, ...]] = {
     "bench_map_waves": ("--runs", "0", "--nulls", "1"),
     "bench_noise": ("short",),
     "bench_noise_shapes": ("--score", "--folder", "FOLDER"),
+    "bench_nuisance": ("--score", "--folder", "FOLDER"),
     "bench_peer_frame": ("--list",),
     "bench_qualify": ("--maps", "1", "--scenarios", "--tensile", "1"),
     "bench_record": ("--images", "2", "--mb", "0.1", "--rounds", "1"),

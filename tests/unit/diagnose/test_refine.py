@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from blind.experiment import GRID as PAPERS
 from blind.experiment import Conditions
 from blind.hiding import hidden_effect, hidden_values
 from blind.observing import observed
@@ -25,11 +24,12 @@ from semlive.model.effects.effect_class import Values
 from semlive.model.effects.maps.image_field import AFFINE
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
+CLOSE = Grid(101, 101, 15, 50, 40, 43)
 
 
-def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID) -> tuple[HyperparameterGrid, dict[str, float]]:
-    effects = hidden_effect(name, peak_px, seed)
-    return noise_scaled_baseline(observed(Conditions(seed, calibration=5, tension=3), effects, grid)), hidden_values(name, effects[0])
+def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID, subset_px: int = 0) -> tuple[HyperparameterGrid, dict[str, float]]:
+    effects, conditions = hidden_effect(name, peak_px, seed), Conditions(seed, calibration=5, tension=3, subset_px=subset_px)
+    return noise_scaled_baseline(observed(conditions, effects, grid)), hidden_values(name, effects[0])
 
 
 def likeliest(baseline: HyperparameterGrid, name: str) -> RefinedEffect:
@@ -56,7 +56,7 @@ def test_an_amplitude_is_as_uncertain_as_the_onset_that_it_goes_with() -> None:
 
 
 def test_a_large_jump_between_grid_instants_has_its_true_size() -> None:
-    baseline, truth = hiding("drift_jump", 0.5, 2, PAPERS)
+    baseline, truth = hiding("drift_jump", 0.5, 2, CLOSE, CLOSE.subset_px)
     found = values_and_sigmas(likeliest(baseline, "drift_jump"))
     for name, true in truth.items():
         value, sigma = found[name]
