@@ -169,7 +169,7 @@ def _misfits(solution: Solution, grid: Grid, zncc: Array, accepted: NDArray[np.b
     for residual in (absolute, 1.0 - zncc):
         large &= residual > MISFIT_RATIO * float(np.median(residual[accepted]))
     reach = max(1, round(MISFIT_REACH * grid.subset_px / grid.step_px))
-    return np.asarray(ndimage.binary_dilation(large, np.ones((3, 3), dtype=np.bool_), iterations=reach))
+    return np.asarray(ndimage.binary_dilation(large, np.ones((3, 3), dtype=np.bool_), iterations=reach), dtype=np.bool_)
 
 
 def _to_contrast_of(f: Image, g: Image) -> Image:
