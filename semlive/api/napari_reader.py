@@ -70,6 +70,7 @@ def _layer(name: str, values: NDArray[Any], y: NDArray[Any], x: NDArray[Any], un
     steps = [float(axis[1] - axis[0]) if axis.size > 1 else 1.0 for axis in (y, x)]
     options: dict[str, Any] = {
         "name": name,
+        "axis_labels": ("frame", "y", "x"),
         "scale": (1.0, *steps),
         "translate": (0.0, float(y[0]), float(x[0])),
         "colormap": "viridis",

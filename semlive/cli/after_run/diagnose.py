@@ -43,7 +43,9 @@ def diagnose(
     model: Annotated[Path | None, typer.Option(help="Model to start with, as `-o` writes it.")] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Write the model with the identified effects to this file.")] = None,
     page: Annotated[Path | None, typer.Option("--html", help="Write the diagnosis as one HTML page to this file.")] = None,
-    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write the diagnosis as PDF to this file; needs semlive[pdf].")] = None,
+    pdf: Annotated[
+        Path | None, typer.Option("--pdf", help="Write the diagnosis as PDF to this file; needs the extra pdf of semlive.")
+    ] = None,
     pictures: Annotated[
         Path | None, typer.Option("--figures", help="Folder for every figure as PNG, SVG and PDF, and for the captions.")
     ] = None,

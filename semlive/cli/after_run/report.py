@@ -26,7 +26,7 @@ def report(
         Path | None,
         typer.Option("--out", "-o", help="Page to write; by default in the folder of the log and named after it: my-run-report.html."),
     ] = None,
-    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write the report as PDF too; needs semlive[pdf].")] = None,
+    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write the report as PDF too; needs the extra pdf of semlive.")] = None,
     pictures: Annotated[
         Path | None,
         typer.Option("--figures", help="Folder for every figure as PNG, SVG and PDF in the width of a journal page, and for the captions."),

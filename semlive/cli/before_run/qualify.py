@@ -53,7 +53,7 @@ def qualify(
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the result as JSON to this file, for --history.")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Write the report as a page, REPORT.html.")] = None,
-    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write the report as PDF too; needs semlive[pdf].")] = None,
+    pdf: Annotated[Path | None, typer.Option("--pdf", help="Write the report as PDF too; needs the extra pdf of semlive.")] = None,
     protocol: Annotated[
         Path | None, typer.Option("--protocol", help="Write the recommended protocol as a configuration for semlive run.")
     ] = None,

@@ -103,7 +103,7 @@ class AlertSender:
             # While the run ends there is one attempt only.
             if wait_s and self._closing.wait(wait_s):
                 break
-            remaining = tuple(target for target in remaining if not send(target, alert.title, alert.text))
+            remaining = tuple(target for target in remaining if not send(target, alert.title, alert.text, alert.event))
             if not remaining:
                 break
         return remaining

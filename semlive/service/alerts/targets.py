@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from semlive.errors import BadConfig
 from semlive.inputs.files import read_regular
+from semlive.service.config.sections import AlertEvent
 
 if TYPE_CHECKING:
     from apprise import Apprise
@@ -18,6 +19,9 @@ _MAX_BYTES = 65_536
 _MAX_TARGETS = 16
 _TIMEOUTS = "cto=5&rto=10"
 """Longest time for a connection and for a reply, s, as parameters of an address."""
+
+_LEVELS: dict[AlertEvent | None, str] = {AlertEvent.FAULT: "failure", AlertEvent.QUESTION: "warning"}
+"""Types of messages of Apprise, which services show as a colour or sign; "info" for the other events."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +59,9 @@ def read_targets(path: Path) -> tuple[AlertTarget, ...]:
     return targets
 
 
-def send(target: AlertTarget, title: str, text: str) -> bool:
+def send(target: AlertTarget, title: str, text: str, event: AlertEvent | None = None) -> bool:
     """Send one alert; blocks for at most about 15 s for each connection. Returns whether the address accepted it."""
-    return bool(_apprise(target.url).notify(title=title, body=text))
+    return bool(_apprise(target.url).notify(title=title, body=text, notify_type=_LEVELS.get(event, "info")))
 
 
 def _target(path: Path, number: int, line: str) -> AlertTarget:

@@ -35,6 +35,7 @@ def test_every_field_is_a_layer_on_the_pixels_of_frame_0(opened: tuple[Path, Rep
     assert list(layers) == ["v", "u", "exy", "exx", "eyy"]
     values, options = layers["eyy"]
     assert values.shape == (4, *grid.shape)
+    assert options["axis_labels"] == ("frame", "y", "x")
     assert options["scale"] == (1.0, grid.step_px, grid.step_px)
     assert options["translate"] == (0.0, grid.y0_px, grid.x0_px)
     assert options["contrast_limits"][0] < options["contrast_limits"][1]

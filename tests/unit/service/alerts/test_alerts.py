@@ -89,7 +89,7 @@ class Webhook(BaseHTTPRequestHandler):
         refuse = server.refusals > 0
         server.refusals -= refuse
         if not refuse:
-            server.received.append(json.loads(body))
+            server.received.append({"path": self.path, **json.loads(body)})
         self.send_response(503 if refuse else 200)
         self.end_headers()
 
@@ -139,6 +139,30 @@ def test_a_webhook_and_a_mailbox_receive_each_alert_once(tmp_path: Path) -> None
     assert posts[0]["message"] == "the load cell froze (load frame). Reaction: stopped."
     assert len(mails) == 2
     assert "al-1: fault" in mails[0]
+
+
+@pytest.mark.parametrize(
+    ("address", "path", "title"),
+    [
+        ("ntfy://127.0.0.1:{port}/sem", "/", "title"),
+        ("gotify://127.0.0.1:{port}/abcdef123", "/message", "title"),
+        ("mmost://127.0.0.1:{port}/abcdefghijklmnop", "/hooks/abcdefghijklmnop", "text"),
+    ],
+)
+def test_messengers_receive_fault_question_warm_up_and_end(tmp_path: Path, address: str, path: str, title: str) -> None:
+    messages = (fault(), prompt(), state("ramping", "warm"), state("aborted", "abort"))
+    with serving(Webhook) as (port, posts):
+        assert sent(tmp_path, address.format(port=port), messages=messages) == []
+    assert [post["path"].partition("?")[0] for post in posts] == [path] * 4
+    titles = [post[title].splitlines()[0] for post in posts]
+    assert titles == ["al-1: fault", "al-1: question", "al-1: warm-up complete", "al-1: aborted"]
+
+
+def test_a_fault_and_a_question_have_levels_of_their_own(tmp_path: Path) -> None:
+    with serving(Webhook) as (port, posts):
+        messages = (fault(), prompt(), state("complete", "last_step"))
+        assert sent(tmp_path, f"json://127.0.0.1:{port}", messages=messages) == []
+    assert [post["type"] for post in posts] == ["failure", "warning", "info"]
 
 
 def test_only_the_chosen_events_are_sent(tmp_path: Path) -> None:
