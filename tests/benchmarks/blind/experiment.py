@@ -318,7 +318,7 @@ def _by_scan(world: World, moved: Field) -> Field:
 
 
 def observed_at(world: World, at: Field, frame: int, motion: Motion, begin_s: float) -> Field:
-    """(n, 2) material points that a frame, begun at such a time, shows at scan addresses (n, 2)."""
+    """(n, 2) material points that a frame with such a start time shows at scan addresses (n, 2)."""
     column, scan, timing_ = world.column, world.column.scan, world.column.timing
     rows = np.arange(scan.height_px)
     visits = []
