@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from semlive.data.drift import PairMotion
 from semlive.data.frame import FrameInfo
 from semlive.qualify.intervals import quantiles
-from semlive.qualify.values import Figure, Qualification, SetupFigures, Trend, Undetermined
+from semlive.qualify.values import SAME_SIZE, SAME_TURN_DEG, Figure, Qualification, ScanSetup, SetupFigures, Trend, Undetermined
 
 Array = NDArray[np.float64]
-SAME_SIZE, SAME_TURN_DEG, SAME_DWELL = 0.02, 1.0, 0.05
-"""Largest relative difference of pixel sizes, difference of rotations and relative difference of dwell times within one setup."""
 MIN_MOVES = 4
 """Positions along both axes: three determine the axes without an uncertainty."""
 MIN_SINE = 0.5
@@ -33,27 +31,6 @@ MAGNIFIED = Undetermined(
     "take pairs at another magnification, at five shifts along both axes of the stage",
     by_pairs=False,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class ScanSetup:
-    """Settings of the scan that separate groups of pairs.
-
-    Attributes:
-        pixel_nm: pixel size; 0 if unknown.
-        rotation_deg: scan rotation by the file; 0 if unknown.
-        dwell_s: dwell time.
-    """
-
-    pixel_nm: float
-    rotation_deg: float
-    dwell_s: float
-
-    def is_same(self, other: ScanSetup) -> bool:
-        """Whether both are one setup."""
-        turn = (self.rotation_deg - other.rotation_deg + 180.0) % 360.0 - 180.0
-        sizes = abs(self.pixel_nm - other.pixel_nm) <= SAME_SIZE * self.pixel_nm
-        return sizes and abs(turn) <= SAME_TURN_DEG and abs(self.dwell_s - other.dwell_s) <= SAME_DWELL * self.dwell_s
 
 
 def setup_of(info: FrameInfo) -> ScanSetup:
@@ -86,13 +63,7 @@ def joined(main: SetupMeasurement, others: Sequence[SetupMeasurement]) -> Qualif
     magnified = any(abs(size - main.setup.pixel_nm) > SAME_SIZE * main.setup.pixel_nm for size in sizes)
     missing = (*(() if turned else (TURNED,)), *(() if magnified else (MAGNIFIED,)))
     setups = tuple(
-        SetupFigures(
-            other.setup.pixel_nm,
-            other.setup.rotation_deg,
-            other.setup.dwell_s,
-            other.found.conditions.pairs,
-            (*other.found.figures, *scan_figures(main, other)),
-        )
+        SetupFigures(**asdict(other.setup), pairs=other.found.conditions.pairs, figures=(*other.found.figures, *scan_figures(main, other)))
         for other in others
     )
     return replace(main.found, undetermined=(*main.found.undetermined, *missing), setups=setups)

@@ -7,6 +7,8 @@ from datetime import UTC, datetime
 from enum import StrEnum
 
 FORMAT_VERSION = 1
+SAME_SIZE, SAME_TURN_DEG, SAME_DWELL = 0.02, 1.0, 0.05
+"""Largest relative difference of pixel sizes, difference of rotations and relative difference of dwell times within one setup."""
 
 
 class Trend(StrEnum):
@@ -172,7 +174,28 @@ class Conditions:
 
 
 @dataclass(frozen=True, slots=True)
-class SetupFigures:
+class ScanSetup:
+    """Settings of the scan that separate groups of pairs.
+
+    Attributes:
+        pixel_nm: pixel size; 0 if unknown.
+        rotation_deg: scan rotation by the file; 0 if unknown.
+        dwell_s: dwell time.
+    """
+
+    pixel_nm: float
+    rotation_deg: float
+    dwell_s: float
+
+    def is_same(self, other: ScanSetup) -> bool:
+        """Whether both are one setup."""
+        turn = (self.rotation_deg - other.rotation_deg + 180.0) % 360.0 - 180.0
+        sizes = abs(self.pixel_nm - other.pixel_nm) <= SAME_SIZE * self.pixel_nm
+        return sizes and abs(turn) <= SAME_TURN_DEG and abs(self.dwell_s - other.dwell_s) <= SAME_DWELL * self.dwell_s
+
+
+@dataclass(frozen=True, slots=True)
+class SetupFigures(ScanSetup):
     """Figures at another magnification, scan rotation or dwell time.
 
     Attributes:
@@ -183,9 +206,6 @@ class SetupFigures:
         figures: measured figures; those of the scan relate it to the main setup.
     """
 
-    pixel_nm: float
-    rotation_deg: float
-    dwell_s: float
     pairs: int
     figures: tuple[Figure, ...]
 

@@ -18,8 +18,8 @@ from semlive.qualify.assess import assess
 from semlive.qualify.evidence import MAX_NOISE_PAIRS, PairMeasurement, conclude, first_settings, measure_pair
 from semlive.qualify.needs import Need, needs, remaining_pairs
 from semlive.qualify.pairing import frame_step, pair_frames
-from semlive.qualify.setups import ScanSetup, SetupMeasurement, joined, setup_of
-from semlive.qualify.values import Qualification
+from semlive.qualify.setups import SetupMeasurement, joined, setup_of
+from semlive.qualify.values import Qualification, ScanSetup
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of
 from semlive.service.log.tail import follow

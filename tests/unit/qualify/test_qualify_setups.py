@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from semlive.data.drift import PairMotion
 from semlive.qualify.protocol import STEPS
-from semlive.qualify.setups import ScanSetup, SetupMeasurement, scan_figures
-from semlive.qualify.values import Conditions, Protocol, Qualification
+from semlive.qualify.setups import SetupMeasurement, scan_figures
+from semlive.qualify.values import Conditions, Protocol, Qualification, ScanSetup
 
 Array = NDArray[np.float64]
 ASPECT, SHEAR_MRAD = 1.012, 6.0
