@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance
+from semlive.diagnose.rows.series import RowSeries
 from semlive.qualify.distortion import DistortionDraws, RowStart, distortion_results, row_start
 from semlive.qualify.drift import DriftRates, decay_results, drift_rates, rate_results
 from semlive.qualify.evidence import Evidence
-from semlive.qualify.intervals import about
+from semlive.qualify.intervals import mean_interval
 from semlive.qualify.limits import REFERENCE_SHIFT_PX, Sources, largest_corrected, limits_of
 from semlive.qualify.noise import WINDOWS, Scatter, displacement_scatter, strain_scatter, white_noise
 from semlive.qualify.protocol import GAUGE_PX, recommend_protocol
-from semlive.qualify.scan import STATED_TIMES, effect_figures, interval_results, row_results
+from semlive.qualify.scan import STATED_TIMES, effect_figures, interval_results, peak_figure, row_results
 from semlive.qualify.stage import stage_results
 from semlive.qualify.values import (
     FORMAT_VERSION,
@@ -27,6 +29,7 @@ from semlive.qualify.values import (
     Trend,
     Undetermined,
 )
+from semlive.qualify.waves import DRIFT_BIAS_PER_PX, RowPairs, strongest_px
 
 UNKNOWN_TIMES = (Provenance.ASSUMED, Provenance.UNKNOWN)
 PATTERN = "pattern of the first frame"
@@ -45,17 +48,18 @@ def assess(
     """
     conditions = _conditions(evidence, source, not_paired)
     within = [pair.within for pair in evidence.pairs]
-    rates = drift_rates([(pair.decision.first, pair.decision.second) for pair in evidence.pairs], within)
-    timed = conditions.timed
+    wave_px = 0.0 if evidence.rows is None else DRIFT_BIAS_PER_PX * strongest_px(evidence.rows.effects) ** 2
+    rates = drift_rates([(pair.decision.first, pair.decision.second) for pair in evidence.pairs], within, wave_px)
+    timed, stretch = conditions.timed, _stretch(evidence)
     bends, draws = distortion_results(evidence.solution, evidence.estimate.distortion, evidence.estimate.calibration, GAUGE_PX)
     settling = None if draws is None else row_start(evidence.solution, evidence.estimate.distortion)
     results: list[Result] = [
         *_pattern(evidence),
         *_noise(evidence),
-        *rate_results(rates, conditions.row_s, conditions.pixel_nm, timed=timed),
-        *(decay_results(rates) if timed else ()),
+        *rate_results(rates, conditions.row_s, conditions.pixel_nm, timed=timed, stretch=stretch),
+        *(decay_results(replace(rates, frame_s=stretch[0] * rates.frame_s)) if timed else ()),
         *interval_results([(pair.decision.first, pair.decision.second) for pair in evidence.pairs]),
-        *row_results(evidence.rows, evidence.no_rows),
+        *row_results(evidence.rows, evidence.no_rows, _row_pairs(evidence, timed=timed)),
         *bends,
         *_settling(settling, draws is not None),
         *stage_results(list(commands) or [None] * len(evidence.pairs), evidence.estimate.motions),
@@ -85,15 +89,16 @@ def _conditions(evidence: Evidence, source: str, not_paired: Sequence[str]) -> C
 
 def _pattern(evidence: Evidence) -> Iterator[Figure]:
     quality = evidence.quality
-    speckle = min(quality.speckle_x_px, quality.speckle_y_px)
-    for name, title, value, unit, worse in (
-        ("contrast", "contrast of the pattern", quality.contrast_grey, "grey levels", Trend.SMALLER),
-        ("image_noise", "noise of a pixel", quality.noise_grey, "grey levels", Trend.LARGER),
-        ("saturated", "saturated pixels", 100.0 * quality.saturated_fraction, "%", Trend.LARGER),
-        ("speckle", "speckle size", speckle, "px", Trend.NONE),
+    along_x = quality.speckle_x_px <= quality.speckle_y_px
+    for name, title, value_of, unit, worse in (
+        ("contrast", "contrast of the pattern", lambda part: part.contrast_grey, "grey levels", Trend.SMALLER),
+        ("image_noise", "noise of a pixel", lambda part: part.noise_grey, "grey levels", Trend.LARGER),
+        ("saturated", "saturated pixels", lambda part: 100.0 * part.saturated_fraction, "%", Trend.LARGER),
+        ("speckle", "speckle size", lambda part: part.speckle_x_px if along_x else part.speckle_y_px, "px", Trend.NONE),
     ):
-        # The sampling error of a frame of 200,000 pixels is below the difference of two frames, which is not measured here.
-        yield Figure(name, title, value, value, value, unit, worse, PATTERN)
+        value = value_of(quality)
+        interval = mean_interval(value, np.array([value_of(part) for part in evidence.parts]))
+        yield Figure(name, title, *interval, unit, worse, PATTERN)
 
 
 def _noise(evidence: Evidence) -> Iterator[Result]:
@@ -116,6 +121,24 @@ def _noise(evidence: Evidence) -> Iterator[Result]:
         )
 
 
+def _stretch(evidence: Evidence) -> tuple[float, float]:
+    """True over stated row time with its standard uncertainty, if the maps show that they differ."""
+    errors = (parameter for effect in evidence.effects if effect.name == "wrong_row_time" for parameter in effect.parameters)
+    return next(((1.0 + error.value, error.sigma) for error in errors if error.name == "row_time_error" and error.value > -1.0), (1.0, 0.0))
+
+
+def _row_pairs(evidence: Evidence, *, timed: bool) -> RowPairs:
+    """Rows of the pairs that could be registered row by row."""
+    series, intervals, moved = list[RowSeries](), list[float](), list[tuple[float, float]]()
+    for pair in evidence.pairs:
+        if pair.rows is not None:
+            first, second, valid = pair.decision.first, pair.decision.second, pair.within.valid
+            series.append(pair.rows)
+            intervals.append(1e-9 * (second.start_time_ns.value - first.start_time_ns.value) if timed else 0.0)
+            moved.append((float(pair.within.u_px[valid].mean()), float(pair.within.v_px[valid].mean())))
+    return RowPairs(series, np.array(intervals), np.array(moved))
+
+
 def _settling(settling: RowStart | None, calibrated: bool) -> list[Result]:
     if not calibrated:
         reason = "the distortion is not determined, and settling is part of it"
@@ -131,8 +154,9 @@ def _effects(evidence: Evidence) -> Iterator[Result]:
     if evidence.no_effects:
         yield Undetermined("further_effects", evidence.no_effects, "take at least five pairs, some of them shifted")
     for effect in evidence.effects:
-        yield from effect_figures(effect)
-        yield Figure(f"{effect.name}_peak", f"{effect.name.replace('_', ' ')}: largest displacement", *about(effect.peak_px, 0.0), "px")
+        if effect.name != "stage_yaw":  # a figure of the stage, from the same rotations
+            yield from effect_figures(effect)
+            yield peak_figure(effect)
 
 
 def _sources(

@@ -11,7 +11,7 @@ from scipy import stats
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.frame import FrameInfo
-from semlive.qualify.intervals import magnitude_interval, quantiles, scaled
+from semlive.qualify.intervals import length_quantiles, magnitude_interval, quantiles, scaled, stretched
 from semlive.qualify.noise import independent_points
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
@@ -47,12 +47,13 @@ class DriftRates:
     interval_s: float
 
 
-def drift_rates(pairs: Sequence[tuple[FrameInfo, FrameInfo]], maps: Sequence[DisparityMap]) -> DriftRates:
+def drift_rates(pairs: Sequence[tuple[FrameInfo, FrameInfo]], maps: Sequence[DisparityMap], further_sigma_px: float = 0.0) -> DriftRates:
     """Drift rates from the mean disparity of the maps within pairs.
 
     Args:
         pairs: metadata of both frames of each pair.
         maps: map within each pair, in the same order.
+        further_sigma_px: standard uncertainty of a mean motion beyond correlation noise, px.
     """
     zero_ns = pairs[0][0].start_time_ns.value
     times, rates, sigmas, interval_s = [], [], [], 0.0
@@ -64,7 +65,7 @@ def drift_rates(pairs: Sequence[tuple[FrameInfo, FrameInfo]], maps: Sequence[Dis
         )
         times.append(0.5 * (begin_s + end_s))
         rates.append(rate)
-        sigmas.append(sigma)
+        sigmas.append(np.hypot(sigma, further_sigma_px / interval_s))
     return DriftRates(np.array(times), np.array(rates), np.array(sigmas), pairs[-1][1].timing.duration_s, interval_s)
 
 
@@ -85,7 +86,9 @@ def pair_rate(disparity: DisparityMap, interval_s: float, interval_sigma_s: floa
     return rate, np.hypot(noise_px / np.sqrt(independent), rate * interval_sigma_s) / interval_s
 
 
-def rate_results(rates: DriftRates, row_s: float, pixel_nm: float, *, timed: bool) -> list[Result]:
+def rate_results(
+    rates: DriftRates, row_s: float, pixel_nm: float, *, timed: bool, stretch: tuple[float, float] = (1.0, 0.0)
+) -> list[Result]:
     """First and last drift rate, drift during one frame, and its false strain, at the time of the last pair.
 
     Args:
@@ -93,6 +96,7 @@ def rate_results(rates: DriftRates, row_s: float, pixel_nm: float, *, timed: boo
         row_s: row time.
         pixel_nm: pixel size; 0 if unknown.
         timed: whether the times of the scans are given; otherwise only the shift from frame to frame is a figure.
+        stretch: true over stated row time, with its standard uncertainty.
     """
     last = magnitude_interval(rates.rate_px_s[-1], rates.sigma_px_s[-1], 1)
     moved = scaled(last, rates.interval_s)
@@ -107,9 +111,9 @@ def rate_results(rates: DriftRates, row_s: float, pixel_nm: float, *, timed: boo
     if len(rates.time_s) > 1:
         first = magnitude_interval(rates.rate_px_s[0], rates.sigma_px_s[0], 2)
         figures.insert(0, Figure("drift_rate_first", "drift rate at the first pair", *first, "px/s"))
-    in_frame = scaled(last, rates.frame_s)
+    in_frame = stretched(scaled(last, rates.frame_s), *stretch)
     figures.append(Figure("drift_in_frame", "drift during one frame, last pair", *in_frame, "px"))
-    strain = scaled(last, row_s)
+    strain = stretched(scaled(last, row_s), *stretch)
     figures.append(Figure("drift_strain", "false strain by drift within a frame, not corrected", *strain, ""))
     return list[Result](figures)
 
@@ -223,10 +227,9 @@ def decay_results(rates: DriftRates) -> list[Result]:
         reason = f"the rate does not decay significantly within the frames (change {float(np.hypot(*change)):.2g} px/s)"
         remedy = "none is needed if the microscope was warm; else begin soon after the specimen was inserted"
         return [Undetermined("drift_decay", reason, remedy, by_pairs=False)]
-    final = np.linalg.norm(decay.final_px_s, axis=1)
     note = f"after the first pair, until the decaying part moves the image by less than {DECAYED_PX:g} px during a frame"
     return [
         Figure("drift_decay", "decay time of the drift rate", *quantiles(decay.time_s), "s", Trend.LARGER),
-        Figure("drift_rate_final", "drift rate after the decay", *quantiles(final), "px/s"),
+        Figure("drift_rate_final", "drift rate after the decay", *length_quantiles(decay.final_px_s), "px/s"),
         Figure("waiting_time", "best waiting time", *quantiles(decay.wait_s(rates.frame_s)), "s", note=note),
     ]

@@ -28,6 +28,9 @@ MAX_NOISE_PAIRS = 12
 POINTS_PER_SUBSET = 3
 """Points along a subset in the maps of the noise; more have no new information about a scatter."""
 
+PARTS = 4
+"""Parts of the first frame along each axis, whose scatter is the uncertainty of the pattern."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairMeasurement:
@@ -53,6 +56,7 @@ class Evidence:
     Attributes:
         settings: of the analysis.
         quality: pattern of the first frame.
+        parts: pattern of equal parts of the first frame; empty if they are too small.
         choice: recommended correlation for it.
         pairs: measurements of the pairs.
         solution: joint estimate of all pairs.
@@ -65,6 +69,7 @@ class Evidence:
 
     settings: AnalysisSettings
     quality: PatternQuality
+    parts: tuple[PatternQuality, ...]
     choice: dic.CorrelationChoice
     pairs: tuple[PairMeasurement, ...]
     solution: Solution
@@ -142,7 +147,17 @@ def conclude(
     rows, no_rows = _rows([pair.rows for pair in pairs if pair.rows is not None])
     effects, no_effects = _effects(state) if search_effects else ((), "the search was not requested")
     pattern = dic.quality(first.image, state.grid, state.settings.dic)
-    return Evidence(state.settings, pattern, choice, tuple(pairs), solution, estimate, rows, no_rows, effects, no_effects)
+    parts = _parts(first, replace(state.settings.dic, step_px=state.settings.dic.subset_px))
+    return Evidence(state.settings, pattern, parts, choice, tuple(pairs), solution, estimate, rows, no_rows, effects, no_effects)
+
+
+def _parts(first: Frame, settings: DicSettings) -> tuple[PatternQuality, ...]:
+    """Pattern of 4 x 4 parts of a frame; empty if a part is smaller than two subsets."""
+    height, width = (size // PARTS for size in first.image.shape)
+    if min(height, width) < 2 * settings.subset_px:
+        return ()
+    corners = ((y * height, x * width) for y in range(PARTS) for x in range(PARTS))
+    return tuple(dic.quality(first.image[y : y + height, x : x + width], settings=settings) for y, x in corners)
 
 
 def _rows(series: Sequence[RowSeries]) -> tuple[RowDiagnosis | None, str]:

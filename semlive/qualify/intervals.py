@@ -76,10 +76,32 @@ def excess_interval(variance: float, noise_variance: float, freedom: int) -> Int
     return max(variance - noise_variance, 0.0) ** 0.5, max(low - noise_variance, 0.0) ** 0.5, high**0.5
 
 
+def mean_interval(value: float, parts: Array) -> Interval:
+    """A positive value of a frame with the 95 % interval from its values in equal parts of the frame.
+
+    Args:
+        value: of the frame.
+        parts: (k,) values of the parts; fewer than five give no interval.
+    """
+    count = len(parts)
+    if count < MIN_GROUPS:
+        return value, value, value
+    half = float(stats.t.ppf(TAILS[1], count - 1) * np.std(parts, ddof=1) / np.sqrt(count))
+    return value, max(value - half, 0.0), value + half
+
+
 def scaled(interval: Interval, factor: float) -> Interval:
     """Value and ends of an interval in another unit, for a positive factor."""
     value, low, high = interval
     return factor * value, factor * low, factor * high
+
+
+def stretched(interval: Interval, factor: float, sigma: float) -> Interval:
+    """An interval in units that are longer by a factor with a standard uncertainty."""
+    value, low, high = interval
+    more = NORMAL_95 * sigma * value
+    below, above = (float(np.hypot(factor * part, more)) for part in (value - low, high - value))
+    return factor * value, max(factor * value - below, 0.0), factor * value + above
 
 
 def about(value: float, half: float) -> Interval:
@@ -91,3 +113,16 @@ def quantiles(draws: Array) -> Interval:
     """Median and 95 % interval of draws."""
     low, middle, high = np.quantile(draws, (TAILS[0], 0.5, TAILS[1]))
     return float(middle), float(low), float(high)
+
+
+def length_quantiles(draws: Array) -> Interval:
+    """Median and 95 % interval of the length of a vector from draws (d, k) of it; the lower end is 0 if zero is not excluded.
+
+    No draw has length zero: the quantiles alone did not contain a final drift rate of almost zero.
+    """
+    value, low, high = quantiles(np.linalg.norm(draws, axis=1))
+    centred = draws - np.median(draws, axis=0)
+    inverse = np.linalg.pinv(np.cov(draws, rowvar=False))
+    distance = np.einsum("di,ij,dj->d", centred, inverse, centred)
+    middle = np.median(draws, axis=0)
+    return value, 0.0 if middle @ inverse @ middle <= np.quantile(distance, LEVEL) else low, high

@@ -13,6 +13,8 @@ REFERENCE_SHIFT_PX = 5.0
 MIN_EXCESS = 1.15
 """Smallest ratio of the measured noise to that of the image for which a further source is named: both are determined to 5 %."""
 MIN_SETTLING_SHARE = 0.5
+STRAINLESS = ("stage_yaw", "raster_rotation_drift", "drift_jump", "jump_within_pair", "thermal_oscillation", "dic_subpixel_bias")
+"""Effects that turn or shift the image, or points of equal motion, alike: they have no strain, or that of the drift."""
 
 REMEDIES = {
     "image_noise": "raise the dwell time or the beam current, take a larger gauge, or improve the contrast of the pattern",
@@ -75,7 +77,7 @@ def limits_of(sources: Sources) -> tuple[Limit, ...]:
     bent = "row_start_settling" if settles else "distortion"
     found.append((bent, REFERENCE_SHIFT_PX * per_px, REFERENCE_SHIFT_PX * sigma_per_px))
     found.append(("stage", sources.stage_residual_px * per_px, sources.stage_residual_px * sigma_per_px))
-    for effect in sources.map_effects:
+    for effect in (effect for effect in sources.map_effects if effect.name not in STRAINLESS):
         bias = effect.peak_px / sources.half_frame_px
         found.append((effect.name, bias, bias))
     limits = [Limit(name, strain, corrected, REMEDIES.get(name, _OTHER_REMEDY)) for name, strain, corrected in found if strain > 0.0]

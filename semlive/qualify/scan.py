@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,8 +11,9 @@ from semlive.data.diagnosis.channels import RowDiagnosis
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome, ParameterEstimate
 from semlive.data.frame import FrameInfo
 from semlive.data.scan import Provenance
-from semlive.qualify.intervals import NORMAL_95
+from semlive.qualify.intervals import NORMAL_95, Interval, about
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
+from semlive.qualify.waves import MIN_SHARE, RowPairs, amplitude_interval, is_wave, stated_waves, strongest_px
 
 STATED_TIMES = (Provenance.FILE, Provenance.DERIVED)
 TIMES_REMEDY = "export files that contain dwell, row and frame time and the time of the scan, or give them in frames.csv"
@@ -38,12 +40,13 @@ def interval_results(pairs: Sequence[tuple[FrameInfo, FrameInfo]]) -> list[Resul
     return [Figure("frame_interval", "frame interval", value, value - error, value + error, "", Trend.NONE, note)]
 
 
-def row_results(rows: RowDiagnosis | None, reason: str) -> list[Result]:
+def row_results(rows: RowDiagnosis | None, reason: str, pairs: RowPairs) -> list[Result]:
     """Frequencies and amplitudes of waves, and jitter, of the rows; or why they are not determined.
 
     Args:
         rows: verdict on the rows; None without one.
         reason: why there is no verdict.
+        pairs: rows of the pairs.
     """
     if rows is None:
         return [Undetermined("rows", reason, ROWS_REMEDY)]
@@ -54,7 +57,24 @@ def row_results(rows: RowDiagnosis | None, reason: str) -> list[Result]:
                 "row_waves", f"no hum, vibration or row jitter is significant (p = {p_value:.2g})", "none is needed", by_pairs=False
             )
         ]
-    return [figure for effect in rows.effects for figure in effect_figures(effect)]
+    strongest = strongest_px(rows.effects)
+    found = list[Result]()
+    for effect in rows.effects:
+        if not is_wave(effect):
+            found += _above_share(effect_figures(effect))
+            continue
+        for frequency, *amplitudes in stated_waves(effect, strongest):
+            half_hz = NORMAL_95 * pairs.frequency_sigma_hz(frequency)
+            found.append(_figure(effect.name, frequency, about(frequency.value, half_hz)))
+            intervals = [amplitude_interval(amplitude, axis, frequency, pairs) for axis, amplitude in enumerate(amplitudes)]
+            found += _above_share([_figure(effect.name, *both) for both in zip(amplitudes, intervals, strict=True)])
+    return found
+
+
+def _above_share(sizes: Sequence[Figure]) -> list[Figure]:
+    """Sizes along x and y; the lower end of one that may be a consequence of the other is 0."""
+    largest = max(size.value for size in sizes)
+    return [size if size.value >= MIN_SHARE * largest else replace(size, low=min(size.low, 0.0)) for size in sizes]
 
 
 def effect_figures(effect: IdentifiedEffect) -> list[Figure]:
@@ -62,9 +82,20 @@ def effect_figures(effect: IdentifiedEffect) -> list[Figure]:
     return [_parameter(effect.name, parameter) for parameter in effect.parameters]
 
 
+def peak_figure(effect: IdentifiedEffect) -> Figure:
+    """Largest displacement by an effect of the maps, with the relative uncertainty of its amplitudes."""
+    amplitudes, covariance = np.array(effect.amplitudes_px), np.array(effect.covariance_px2)
+    square = float(amplitudes @ amplitudes)
+    relative = float(np.sqrt(amplitudes @ covariance @ amplitudes)) / square if square else 0.0
+    interval = about(effect.peak_px, NORMAL_95 * relative * effect.peak_px)
+    return Figure(f"{effect.name}_peak", f"{effect.name.replace('_', ' ')}: largest displacement", *interval, "px")
+
+
 def _parameter(effect: str, parameter: ParameterEstimate) -> Figure:
-    half = NORMAL_95 * parameter.sigma
+    return _figure(effect, parameter, about(parameter.value, NORMAL_95 * parameter.sigma))
+
+
+def _figure(effect: str, parameter: ParameterEstimate, interval: Interval) -> Figure:
     name = f"{effect}_{parameter.name}"
     trend = Trend.LARGER if parameter.unit == "px" else Trend.NONE
-    title = f"{effect.replace('_', ' ')}: {parameter.name.replace('_', ' ')}"
-    return Figure(name, title, parameter.value, parameter.value - half, parameter.value + half, parameter.unit, trend)
+    return Figure(name, f"{effect.replace('_', ' ')}: {parameter.name.replace('_', ' ')}", *interval, parameter.unit, trend)

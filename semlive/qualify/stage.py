@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from scipy import stats
 from semlive.data.drift import PairMotion
 from semlive.errors import IllPosed
 from semlive.estimate.joint.outputs.stage_path import StagePath, stage_path
-from semlive.qualify.intervals import TAILS, about, excess_interval
+from semlive.qualify.intervals import NORMAL_95, TAILS, about, excess_interval
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
 Array = NDArray[np.float64]
@@ -37,60 +38,100 @@ def stage_results(commands_px: Sequence[tuple[float, float] | None], motions: Se
         path = stage_path(commands, shifts)
     except IllPosed as error:
         return [Undetermined("stage", str(error), STAGE_REMEDY)]
-    return [*_path_figures(path, len(given)), *_backlash(commands, shifts), _yaw([motion for _, motion in given])]
+    axes = _axes(commands, shifts)
+    return [*_path_figures(path, axes, commands), *_backlash(axes), _yaw([motion for _, motion in given])]
 
 
-def _path_figures(path: StagePath, count: int) -> list[Figure]:
-    freedom = max(2 * count - 6, 1)
+def _path_figures(path: StagePath, axes: tuple[_Axis, _Axis], commands: Array) -> list[Figure]:
+    freedom = max(2 * len(commands) - 6, 1)
     factor = float(stats.t.ppf(TAILS[1], freedom))
-    squared = path.residual_px**2 * 2 * count
+    squared = path.residual_px**2 * 2 * len(commands)
     low, high = (float(np.sqrt(squared / stats.chi2.ppf(tail, freedom))) for tail in reversed(TAILS))
     half = factor * path.angle_sigma_deg
-    half_x, half_y = (factor * path.scale_sigma * scale for scale in (path.scale_x, path.scale_y))
+    scale = [(path.scale_x, factor * path.scale_sigma * path.scale_x), (path.scale_y, factor * path.scale_sigma * path.scale_y)]
+    # Backlash is part of the scale if it is not separated from it: the interval of a fit without it contained 20 % of small scales.
+    if all(axis.separated for axis in axes):
+        scale = [(axis.scale, axis.half_scale) for axis in axes]
+    # The angle has the uncertainty of both axes, the rotation that of the x axis.
+    inverse = np.linalg.inv(np.cov(commands, rowvar=False))
+    half_rotation = half * float(np.sqrt(inverse[0, 0] / np.trace(inverse)))
     note = "backlash, repeatability, and drift between pairs"
     return [
-        Figure("stage_scale_x", "scale of the stage along x", *about(path.scale_x, half_x), "", Trend.NONE),
-        Figure("stage_scale_y", "scale of the stage along y", *about(path.scale_y, half_y), "", Trend.NONE),
-        Figure("stage_rotation", "rotation of the scan against the stage", *about(path.rotation_deg, half), "deg", Trend.NONE),
+        Figure("stage_scale_x", "scale of the stage along x", *about(*scale[0]), "", Trend.NONE),
+        Figure("stage_scale_y", "scale of the stage along y", *about(*scale[1]), "", Trend.NONE),
+        Figure("stage_rotation", "rotation of the scan against the stage", *about(path.rotation_deg, half_rotation), "deg", Trend.NONE),
         Figure("stage_angle", "angle of the stage axes in the image", *about(path.angle_deg, half), "deg", Trend.NONE),
         Figure("stage_residual", "error of a stage move", float(np.sqrt(squared / freedom)), low, high, "px", note=note),
     ]
 
 
-def approach(commands: Array) -> Array:
-    """(n,) direction of the last commanded move along one axis before each position: -1 or 1; 0 before the first move."""
-    steps = np.sign(np.diff(commands, prepend=commands[:1]))
-    last = np.maximum.accumulate(np.where(steps != 0.0, np.arange(len(steps)), 0))
-    return np.where(last > 0, steps[last], 0.0)
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """Law of one axis: position = scale * command - side * backlash / 2 + offset, with the side from which the last move came.
 
-
-def _backlash(commands: Array, shifts: Array) -> list[Result]:
-    """Backlash of both axes: the table is half of it behind the motor, on the side from which it came.
-
-    Each axis has its own law, position = scale * command - direction * backlash / 2 + offset, with another offset before its first
-    move, because the direction of the move to the first position is not known.
+    Attributes:
+        scale: px in the image per px of command.
+        half_scale: half width of its 95 % interval.
+        backlash_px: lost motion after a reversal.
+        half_backlash_px: half width of its 95 % interval.
+        reversal_px: shortest move after a reversal.
+        separated: whether the positions separate scale and backlash; without it the other values are 0.
     """
-    axes = np.linalg.lstsq(commands - commands.mean(axis=0), shifts - shifts.mean(axis=0), rcond=None)[0]
-    scales = np.linalg.norm(axes, axis=1)
-    along = shifts @ np.linalg.inv(axes) * scales  # px in the image along each axis of the stage
-    return [_backlash_of(name, commands[:, axis], along[:, axis]) for axis, name in enumerate("xy")]
+
+    scale: float = 0.0
+    half_scale: float = 0.0
+    backlash_px: float = 0.0
+    half_backlash_px: float = 0.0
+    reversal_px: float = 0.0
+    separated: bool = False
 
 
-def _backlash_of(name: str, command: Array, position: Array) -> Result:
-    side = approach(command)
-    columns = np.column_stack((-0.5 * side, command, np.ones(len(command)), side == 0.0))
-    freedom = len(command) - columns.shape[1]
-    if freedom < 1 or min(np.count_nonzero(side == sign) for sign in (-1.0, 1.0)) < 2 or np.linalg.cond(columns) > 1e6:
+def _axes(commands: Array, shifts: Array) -> tuple[_Axis, _Axis]:
+    """Laws of both axes, with one scatter of the positions.
+
+    Positions without a commanded move along the axis are left out: the errors of such moves are shorter than the backlash, so the table
+    follows those in one direction only, and the side before the first move is not known. With them the intervals of the backlash
+    contained 83 % of 1500 simulated ones, and those of the scale 57 %.
+    """
+    turned = np.linalg.lstsq(commands - commands.mean(axis=0), shifts - shifts.mean(axis=0), rcond=None)[0]
+    scales = np.linalg.norm(turned, axis=1)
+    along = shifts @ np.linalg.inv(turned) * scales  # px in the image along each axis of the stage
+    fits = []
+    for axis in (0, 1):
+        command, steps = commands[:, axis], np.diff(commands[:, axis], prepend=commands[:1, axis])
+        moved = steps != 0.0
+        side = np.sign(steps[moved])
+        columns = np.column_stack((command[moved], -0.5 * side, np.ones(len(side))))
+        if min(np.count_nonzero(side == sign) for sign in (-1.0, 1.0)) < 2 or np.linalg.cond(columns) > 1e6:
+            return _Axis(), _Axis()
+        solved = np.linalg.lstsq(columns, along[moved, axis], rcond=None)[0]
+        reversal_px = float(np.abs(steps[moved][1:])[side[1:] != side[:-1]].min())
+        fits.append((solved, columns, along[moved, axis] - columns @ solved, reversal_px))
+    freedom = sum(len(rest) - columns.shape[1] for _, columns, rest, _ in fits)
+    if freedom < 1:
+        return _Axis(), _Axis()
+    sigma = float(np.sqrt(sum(rest @ rest for _, _, rest, _ in fits) / freedom))
+    factor, found = float(stats.t.ppf(TAILS[1], freedom)) * sigma, []
+    for solved, columns, _, reversal_px in fits:
+        half = factor * np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+        found.append(_Axis(float(solved[0]), float(half[0]), float(solved[1]), float(half[1]), reversal_px, separated=True))
+    return found[0], found[1]
+
+
+def _backlash(axes: tuple[_Axis, _Axis]) -> list[Result]:
+    """Backlash of both axes: the table is half of it behind the motor, on the side from which it came."""
+    return [_backlash_of(name, axis) for name, axis in zip("xy", axes, strict=True)]
+
+
+def _backlash_of(name: str, axis: _Axis) -> Result:
+    if not axis.separated:
         return Undetermined(f"stage_backlash_{name}", "too few positions were approached from either side", BACKLASH_REMEDY)
-    solved = np.linalg.lstsq(columns, position, rcond=None)[0]
-    variance = float(np.sum((position - columns @ solved) ** 2)) / freedom
-    reversal_px = float(np.abs(np.diff(command))[(side[1:] != side[:-1]) & (side[:-1] != 0.0)].min())
-    if solved[0] > MAX_BACKLASH_SHARE * reversal_px:
-        reason = f"the backlash is not certainly taken up by moves of {reversal_px:.3g} px"
+    if axis.backlash_px > MAX_BACKLASH_SHARE * axis.reversal_px:
+        reason = f"the backlash is not certainly taken up by moves of {axis.reversal_px:.3g} px"
         return Undetermined(f"stage_backlash_{name}", reason, BACKLASH_REMEDY)
-    half = float(stats.t.ppf(TAILS[1], freedom) * np.sqrt(variance * np.linalg.inv(columns.T @ columns)[0, 0]))
-    note = "negative: the table moves further after a reversal" if solved[0] + half < 0.0 else ""
-    return Figure(f"stage_backlash_{name}", f"backlash of the stage along {name}", *about(float(solved[0]), half), "px", note=note)
+    note = "negative: the table moves further after a reversal" if axis.backlash_px + axis.half_backlash_px < 0.0 else ""
+    interval = about(axis.backlash_px, axis.half_backlash_px)
+    return Figure(f"stage_backlash_{name}", f"backlash of the stage along {name}", *interval, "px", note=note)
 
 
 def _yaw(motions: Sequence[PairMotion]) -> Result:
@@ -101,4 +142,6 @@ def _yaw(motions: Sequence[PairMotion]) -> Result:
     if not noise.any():
         return Undetermined("stage_yaw", "the estimate of these frames has no rotation of the specimen", STAGE_REMEDY)
     value, low, high = excess_interval(float(np.var(turned, ddof=1)), float(np.mean(noise**2)), len(turned) - 1)
+    # The estimate draws rotations below its noise towards zero: 0.003 mrad were stated as 0 to 0.001 mrad.
+    high = float(np.hypot(high, NORMAL_95 * np.sqrt(np.mean(noise**2))))
     return Figure("stage_yaw", "yaw of a stage move", 1e3 * value, 1e3 * low, 1e3 * high, "mrad")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from semlive.qualify.drift import DECAYED_PX, DriftRates, decay_results, fit_decay
-from semlive.qualify.intervals import magnitude_interval, scatter_interval
+from semlive.qualify.drift import DECAYED_PX, DriftRates, decay_results, fit_decay, rate_results
+from semlive.qualify.intervals import length_quantiles, magnitude_interval, mean_interval, scatter_interval
 from semlive.qualify.values import Figure, Undetermined
 
 RUNS = 300
@@ -68,3 +68,31 @@ def test_a_constant_rate_has_no_decay() -> None:
     (reason,) = decay_results(_rates(rng, 3, 300.0, 1e-3))
     assert isinstance(reason, Undetermined)
     assert "at least 4 pairs" in reason.remedy
+
+
+def test_the_interval_of_a_length_that_may_be_zero_begins_at_zero() -> None:
+    rng = np.random.default_rng(5)
+    draws = rng.standard_normal((2000, 2))
+    assert length_quantiles(draws)[1] == 0.0
+    _, low, high = length_quantiles(draws + np.array([6.0, 0.0]))
+    assert 3.5 < low < 6.0 < high < 8.5
+
+
+def test_the_mean_of_a_frame_is_inside_the_interval_of_its_parts() -> None:
+    rng = np.random.default_rng(6)
+    inside = 0
+    for _ in range(RUNS):
+        parts = 42.0 + rng.standard_normal(16)
+        _, low, high = mean_interval(float(parts.mean()), parts)
+        inside += low <= 42.0 <= high
+    assert abs(inside / RUNS - 0.95) <= BINOMIAL
+
+
+def test_a_longer_row_time_than_stated_makes_the_drift_of_a_frame_larger() -> None:
+    rates = DriftRates(np.zeros(1), np.array([[0.03, 0.04]]), np.full((1, 2), 1e-5), 20.0, 21.0)
+    found = {item.name: item for item in rate_results(rates, 0.1, 10.0, timed=True, stretch=(1.25, 0.01))}
+    for name, true in (("drift_in_frame", 1.25), ("drift_strain", 1.25 * 0.05 * 0.1), ("drift_rate", 0.05)):
+        figure = found[name]
+        assert isinstance(figure, Figure)
+        assert figure.value == pytest.approx(true)
+        assert (figure.high - figure.low) / figure.value > (0.03 if name != "drift_rate" else 0.0)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect
 from semlive.errors import BadInput
 from semlive.qualify.history import histories
 from semlive.qualify.limits import Sources, largest_corrected, limits_of
@@ -64,6 +65,11 @@ def test_the_largest_error_is_the_limit(changed: dict[str, float], limiting: str
     limits = limits_of(replace(USUAL, **changed))
     assert limits[0].name == limiting
     assert limits[0].remedy
+
+
+def test_a_rotation_of_the_specimen_is_no_strain() -> None:
+    yaw = IdentifiedEffect("stage_yaw", (), 0.7, 50.0, 1e-3, strain=False, model_effect=ModelEffect("stage_yaw", (), 0.7))
+    assert {limit.name for limit in limits_of(replace(USUAL, map_effects=(yaw,)))} == {limit.name for limit in limits_of(USUAL)}
 
 
 def test_correction_changes_the_limit() -> None:

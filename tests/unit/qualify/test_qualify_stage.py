@@ -6,13 +6,13 @@ import numpy as np
 
 from semlive.data.drift import PairMotion
 from semlive.qualify.protocol import STEPS
-from semlive.qualify.stage import approach, stage_results
+from semlive.qualify.stage import stage_results
 from semlive.qualify.values import Figure, Undetermined
 
 RUNS = 200
 BINOMIAL = 3.0 * np.sqrt(0.95 * 0.05 / RUNS)
 COMMANDS = 12.0 * np.array(STEPS, dtype=np.float64)
-BACKLASH_PX, SCATTER_PX, YAW_RAD, SIGMA_RAD = (3.0, 0.0), 0.8, 2e-3, 1e-5
+BACKLASH_PX, SCATTER_PX, YAW_RAD, SIGMA_RAD = (3.0, 0.0), 0.5, 2e-3, 1e-5
 
 
 def _motions(rng: np.random.Generator, backlash_px: tuple[float, float]) -> list[PairMotion]:
@@ -29,9 +29,10 @@ def _motions(rng: np.random.Generator, backlash_px: tuple[float, float]) -> list
     return found
 
 
-def test_backlash_and_yaw_are_inside_their_intervals() -> None:
+def test_scale_backlash_and_yaw_are_inside_their_intervals() -> None:
     rng = np.random.default_rng(11)
     true = {"stage_backlash_x": 1.01 * BACKLASH_PX[0], "stage_backlash_y": BACKLASH_PX[1], "stage_yaw": 1e3 * YAW_RAD}
+    true |= {"stage_scale_x": float(np.hypot(1.01, 0.01)), "stage_scale_y": float(np.hypot(0.98, 0.01))}
     inside = dict.fromkeys(true, 0)
     for _ in range(RUNS):
         found = {item.name: item for item in stage_results([tuple(command) for command in COMMANDS], _motions(rng, BACKLASH_PX))}
@@ -59,5 +60,11 @@ def test_a_backlash_longer_than_the_moves_is_not_determined() -> None:
     assert isinstance(found["stage_backlash_y"], Figure)
 
 
-def test_the_side_of_an_approach_is_that_of_the_last_move_along_the_axis() -> None:
-    assert approach(np.array([0.0, 0.0, 2.0, 2.0, -1.0, -1.0, 0.0])).tolist() == [0.0, 0.0, 1.0, 1.0, -1.0, -1.0, 1.0]
+def test_a_yaw_below_its_noise_is_not_excluded() -> None:
+    sigma = np.array([[0.0, 1e-5], [1e-5, 0.0]])
+    motions = [PairMotion(at, command, np.full(2, 1e-3), np.zeros((2, 2)), sigma) for at, command in enumerate(COMMANDS)]
+    found = {item.name: item for item in stage_results([tuple(command) for command in COMMANDS], motions)}
+    yaw = found["stage_yaw"]
+    assert isinstance(yaw, Figure)
+    assert (yaw.low, yaw.value) == (0.0, 0.0)
+    assert yaw.high > 0.01

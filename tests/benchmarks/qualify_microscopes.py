@@ -1,0 +1,177 @@
+"""Microscopes drawn at random, rendered by the simulators and qualified from their export folder by the code of the command.
+
+Each is of one of six characters, in turn; all have random scan times, noise, drift, distortion and stage. The effect of the character has
+a random size, drawn without regard to what can be detected, so that it limits the strain or does not. Commanded shifts are given in
+``frames.csv``, as a user would.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+from qualify_still import Truth
+from qualify_truth import Strains, true_strains, truth_of
+
+from semlive.qualify.drift import MIN_PAIRS_DECAY
+from semlive.qualify.protocol import STEPS
+from semlive.qualify.values import Qualification
+from semlive.service.qualification.run import QualifyRequest, qualify_source
+from semlive_simulators.scenario import Scenario, load_scenario
+from semlive_simulators.simulate import simulate
+from semlive_simulators.specimen.protocol_player import START_NS, ProtocolPlayer
+
+CHARACTERS = ("good", "warm tungsten", "hum, vibration or jitter", "settling", "wrong row time", "poor stage")
+WIDTH_PX, HEIGHT_PX, PIXEL_UM = 512, 442, 1.25
+FRAME_S = (2.0, 90.0)
+"""Shortest and longest frame, drawn uniformly in the logarithm, as all sizes below."""
+LARGEST_SHIFT_PX = 14.0
+Fields = dict[str, object]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Case:
+    """A microscope and its qualification.
+
+    Attributes:
+        number: number of the microscope.
+        character: one of `CHARACTERS`.
+        found: the qualification.
+        truths: true values of its figures by name.
+        strains: true strain of each source.
+        beam_s: beam time of the plan.
+    """
+
+    number: int
+    character: str
+    found: Qualification
+    truths: Mapping[str, Truth]
+    strains: Strains
+    beam_s: float
+
+
+def character_of(number: int) -> str:
+    """Character of a microscope."""
+    return CHARACTERS[number % len(CHARACTERS)]
+
+
+class _Draw:
+    """Random values of one microscope."""
+
+    def __init__(self, seed: int) -> None:
+        self.rng = np.random.default_rng((seed, 37))
+
+    def size(self, low: float, high: float) -> float:
+        """A size, uniform in its logarithm."""
+        return float(np.exp(self.rng.uniform(math.log(low), math.log(high))))
+
+    def normal(self, sd: float) -> float:
+        """A value of either sign."""
+        return float(sd * self.rng.standard_normal())
+
+    def wave(self, size_px: float) -> Fields:
+        """A component of the distortion of about a given size."""
+        polynomial = {name: self.normal(size_px) for name in ("xx_px", "xy_px", "yy_px")}
+        waves = {"wave_px": self.normal(0.4 * size_px), "wave_x": self.rng.uniform(0.3, 1.2), "wave_y": self.rng.uniform(0.3, 1.2)}
+        return {"constant_px": 0.0, **polynomial, **waves, "wave_phase_rad": self.rng.uniform(-math.pi, math.pi)}
+
+    def drift(self, warmup_px: float, warmup_s: float, rate_px_s: float) -> Fields:
+        """One axis of a drift."""
+        return {"warmup_px": self.normal(warmup_px), "warmup_s": warmup_s, "linear_px_s": self.normal(rate_px_s), "quadratic_px_s2": 0.0}
+
+
+def draw_scenario(number: int, seed: int, folder: Path) -> Scenario:
+    """Draw a microscope; its scenario is written to a folder."""
+    path = folder / "microscope.yaml"
+    path.write_text(yaml.safe_dump(_plain(_fields(character_of(number), seed))), encoding="utf-8")
+    return load_scenario(str(path))
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return float(value) if isinstance(value, np.floating) else value
+
+
+def _fields(character: str, seed: int) -> Fields:
+    draw, kind = _Draw(seed), CHARACTERS.index(character)
+    frame_s = draw.size(*FRAME_S)
+    row_s = frame_s / HEIGHT_PX
+    dwell_s = row_s / WIDTH_PX / draw.rng.uniform(1.02, 1.3)
+    warm = kind == 1 or (kind == 4 and draw.rng.uniform() < 0.7)
+    warmup_s = draw.size(200.0, 1500.0)
+    warmup_px = draw.size(2.0, 20.0) if warm else draw.size(0.05, 1.5)
+    rate_px_s = draw.size(1e-4, 1e-2) if warm else draw.size(1e-5, 1e-3)
+    bent_px = draw.size(0.03, 1.0)
+    poor = kind == 5
+    stage = {
+        "scale_x": 1.0 + draw.normal(0.01), "scale_y": 1.0 + draw.normal(0.01), "nonorthogonality_rad": draw.normal(0.01),
+        "backlash_um": draw.size(1.0, 6.0) if poor else draw.size(0.05, 1.0),
+        "position_noise_um": draw.size(1.0, 25.0) if poor else draw.size(0.03, 1.0),
+        "yaw_rad": draw.size(3e-4, 5e-3) if poor else draw.size(1e-6, 3e-4),
+    }  # fmt: skip
+    drift = {axis: draw.drift(warmup_px, warmup_s, rate_px_s) for axis in "xy"}
+    bent = {axis: draw.wave(bent_px) for axis in "xy"}
+    detector = {"read_noise": draw.size(2.0, 8.0), "shot_noise": draw.size(0.05, 1.0)}
+    return {
+        "extends": "qualify_good",
+        "name": "microscope",
+        "seed": seed,
+        "scan": {"dwell_time_s": dwell_s, "frame_time_s": frame_s, "gap_s": draw.size(0.1, 2.0), "rotation_rad": draw.normal(0.01)},
+        "speckle": {"seed": seed},
+        "detector": detector,
+        "drift": drift,
+        "distortion": bent,
+        "stage": stage,
+        "effects": _effects(kind, draw, seed, dwell_s),
+        "experiment": {"protocol": {"stage_tolerance_um": 1000.0}},
+    }
+
+
+def _effects(kind: int, draw: _Draw, seed: int, dwell_s: float) -> Fields:
+    if kind == 2:
+        choice = draw.rng.integers(3)
+        x_px, y_px = draw.size(0.01, 0.8), draw.size(0.005, 0.4)
+        if choice == 0:
+            frequency_hz = float(draw.rng.choice((50.0, 60.0))) * (1.0 + draw.normal(5e-4))
+            wave = {"amplitude_x_px": x_px, "amplitude_y_px": y_px, "frequency_hz": frequency_hz}
+            return {"mains_hum": {**wave, "phase_rad": draw.rng.uniform(0.0, 6.28), "harmonics": []}}
+        if choice == 1:
+            return {"vibration": {"amplitude_x_px": x_px, "amplitude_y_px": y_px, "frequency_hz": draw.size(3.0, 150.0), "seed": seed}}
+        return {"row_jitter": {"sd_px": draw.size(0.02, 0.5), "seed": seed}}
+    if kind == 3:
+        length_px, size_px = draw.size(15.0, 60.0), draw.size(0.05, 4.0)
+        if draw.rng.integers(2):
+            return {"flyback_settling": {"amplitude_px": size_px, "settling_s": length_px * dwell_s}}
+        sizes = {"amplitude_um": size_px * PIXEL_UM, "length_um": length_px * PIXEL_UM}
+        return {"row_start_settling_in_position": sizes}
+    if kind == 4:
+        return {"wrong_row_time": {"row_time_error": draw.size(0.01, 0.4)}}
+    return {}
+
+
+def qualified(number: int, seed: int) -> Case:
+    """Draw, render and qualify one microscope."""
+    with tempfile.TemporaryDirectory(prefix="semlive-") as name:
+        folder = Path(name)
+        scenario = draw_scenario(number, seed, folder)
+        shots = [shot for shot, _ in simulate(scenario, folder / "run", None)]
+        found = qualify_source(QualifyRequest(folder / "run" / "export"))
+    truths = truth_of(scenario, shots, found)
+    return Case(number, character_of(number), found, truths, true_strains(scenario, truths, found), beam_time_s(scenario))
+
+
+def beam_time_s(scenario: Scenario) -> float:
+    """Time of the pairs that the command plans, from the begin of the run to the end of the last frame."""
+    half_px = 0.5 * LARGEST_SHIFT_PX
+    shifts = [[half_px * x, half_px * y] for x, y in (*([(0, 0)] * MIN_PAIRS_DECAY), *STEPS)]
+    protocol = {**scenario.experiment["protocol"], "calibration_shifts_px": shifts}
+    planned = replace(scenario, experiment={**scenario.experiment, "protocol": protocol})
+    return 1e-9 * max(shot.end_ns - START_NS for shot in ProtocolPlayer(planned).play())
