@@ -88,9 +88,14 @@ def _largest(variances: Array) -> Truth:
 
 
 def displacement_noise(maps: Sequence[DisparityMap]) -> Truth:
-    """Noise of a displacement of the noisier axis."""
-    rows = [[np.var(values[found.valid]) for values in (found.u_px, found.v_px)] for found in maps]
+    """Noise of a displacement of the noisier axis; the mean motion, which is removed, takes the share of one subset."""
+    rows = [[_variance(found, values) for values in (found.u_px, found.v_px)] for found in maps]
     return _largest(np.array(rows, dtype=np.float64))
+
+
+def _variance(found: DisparityMap, values: Array) -> float:
+    independent = float(found.valid.sum()) * found.grid.step_px**2 / found.grid.subset_px**2
+    return float(np.var(values[found.valid])) / (1.0 - 1.0 / independent)
 
 
 def strain_noise(maps: Sequence[DisparityMap]) -> Truth:
