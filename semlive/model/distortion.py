@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from semlive.data.grid import Grid
+from semlive.kernels.splines.spline_columns import evaluate_surface
 from semlive.model.effect import Axis, FrameObservation, TensorColumns
 from semlive.model.knots import KnotSpline, towards_start
 from semlive.model.splines import UniformSpline
@@ -79,11 +80,8 @@ class DistortionSpline:
 
     def field(self, parameters: NDArray[np.float64], x_px: ArrayLike, y_px: ArrayLike) -> NDArray[np.float64]:
         """(n, 2) E at scan addresses."""
-        index_x, value_x = self.along_x.local(x_px)
-        index_y, value_y = self.along_y.local(y_px)
-        coefficients = parameters.reshape(self.along_y.size, self.along_x.size, 2)
-        corner = coefficients[index_y[:, :, None], index_x[:, None, :]]
-        return np.einsum("ni,nj,nijc->nc", value_y, value_x, corner, optimize=True)
+        coefficients = np.ascontiguousarray(parameters.reshape(self.along_y.size, self.along_x.size, 2), dtype=np.float64)
+        return evaluate_surface(*self.along_y.local(y_px), *self.along_x.local(x_px), coefficients)
 
     def roughness(self, order: int = 2) -> NDArray[np.float64]:
         """(size / 2, size / 2) sum of all squared differences of an order of the coefficients (order 2: a thin plate's bending).

@@ -1,11 +1,13 @@
 """Hidden effects from images on: rendered, correlated, recorded in a log, and named by `semlive diagnose LOG`.
 
     python tests/benchmarks/bench_diagnose_rendered.py --seeds 1 --sizes 8 --nulls 6 --folder rendered [--shard 1/2]
+    python tests/benchmarks/bench_diagnose_rendered.py --set final --seeds 6 --sizes 4 --nulls 150 --doubles 36 --varied --folder varied
     python tests/benchmarks/bench_diagnose_rendered.py ... --folder rendered --score [--write]
 
 Cases are those of `bench_diagnose.py`, 15 pairs of 1024 x 884 px with the paper's dots and 0.025 px of noise. The program is started on
-each log as a user would; the hidden effect is not in the log. It continues after a stop like the other campaign. The correlation's own bias
-(`dic_subpixel_bias`), which is in all of these images, is correct next to any hidden effect, and alone where nothing was.
+each log as a user would; the hidden effect is not in the log. `--varied` draws the texture (dots or a gold film) and the noise of each
+case; sizes are then multiples of the detection limit at that noise. It continues after a stop like the other campaign. The own bias of the
+correlation (`dic_subpixel_bias`), which is in all of these images, is correct next to any hidden effect, and alone where nothing was.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_diagnose import PAGE, verdicts
 from blind.cases import Case, Counts, cases
 from blind.hiding import DETECTABLE_PX
-from blind.rendering import rendered_log
+from blind.rendering import PAPER_NOISE_PX, noise_px, paper_images, rendered_log, varied_images
 from blind.scoring import Verdict, table
 
 BEGIN, END = "<!-- rendered: begin -->\n", "<!-- rendered: end -->\n"
@@ -42,16 +44,18 @@ def main() -> None:
     parser.add_argument("--sizes", type=float, nargs="*", default=[8.0], help="times what can be detected")
     parser.add_argument("--effects", nargs="*", default=list(DETECTABLE_PX))
     parser.add_argument("--nulls", type=int, default=6)
+    parser.add_argument("--doubles", type=int, default=0)
+    parser.add_argument("--varied", action="store_true", help="another texture and noise in each case")
     parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
     parser.add_argument("--folder", type=Path, default=Path("rendered"))
     parser.add_argument("--score", action="store_true", help="run nothing")
     parser.add_argument("--write", action="store_true", help="put the table into docs/validation/diagnosis.md")
     requests = parser.parse_args()
-    chosen = list(cases(requests.set, Counts(requests.seeds, requests.nulls), requests.sizes, requests.effects))
+    chosen = list(cases(requests.set, Counts(requests.seeds, requests.nulls, requests.doubles), requests.sizes, requests.effects))
     requests.folder.mkdir(parents=True, exist_ok=True)
     if not requests.score:
         own, shards = (int(entry) for entry in requests.shard.split("/"))
-        _run(chosen[own - 1 :: shards], requests.folder / f"verdicts-{own}-of-{shards}.jsonl")
+        _run(chosen[own - 1 :: shards], requests.folder / f"verdicts-{own}-of-{shards}.jsonl", varied=requests.varied)
     stored = verdicts(requests.folder)
     scored = [(case, _without_its_own(stored[case.key])) for case in chosen if case.key in stored]
     lines = [entry for entry in table(scored).splitlines() if "| 0 of 0 |" not in entry]
@@ -64,13 +68,15 @@ def main() -> None:
         PAGE.write_text(f"{before}{BEGIN}\n{about}\n\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")
 
 
-def _run(chosen: list[Case], folder: Path) -> None:
+def _run(chosen: list[Case], folder: Path, *, varied: bool) -> None:
     done = verdicts(folder.parent)
     for case in chosen:
         if case.key in done:
             continue
+        images = varied_images(case.seed) if varied else paper_images(case.seed)
+        sized = replace(case, size=case.size * noise_px(images) / PAPER_NOISE_PX) if varied else case
         with tempfile.TemporaryDirectory() as name:
-            log = rendered_log(Path(name) / "run", replace(case.conditions(), noise_px=0.0), case.effects())
+            log = rendered_log(Path(name) / "run", images, replace(case.conditions(), noise_px=0.0), sized.effects())
             verdict = judge(log)
             shutil.rmtree(log)
         with folder.open("a", encoding="utf-8") as stream:

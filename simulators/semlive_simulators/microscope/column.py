@@ -59,6 +59,12 @@ class Detector:
         return np.dtype(np.uint8 if self.bits == 8 else np.uint16)
 
 
+def _inverted(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2, 2) inverses by Cramer's rule, which takes 0.2 ms for 10,000 matrices, and `numpy.linalg.inv` 4 ms."""
+    (a, b), (c, d) = matrices.transpose(1, 2, 0)
+    return np.stack((d, -b, -c, a), axis=1).reshape(-1, 2, 2) / (a * d - b * c)[:, None, None]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
     """A microscope with a speckle pattern.
@@ -135,15 +141,16 @@ class Column:
         """
         at = Instants(np.asarray(time_s, dtype=np.float64), start_time_s, frame, self.scan, motion)
         state = self.effects.moved(at)
-        inverse = np.linalg.inv(np.eye(2) + state.gradient)
+        inverse = _inverted(np.eye(2) + state.gradient)
         deflection = self.effects.deflection(at)
         raster = np.broadcast_to(self.scan.rotation, inverse.shape) if deflection is None else self.scan.rotation @ (np.eye(2) - deflection)
         effect_drift = self.effects.drift_px(at)
         drift = self.drift.at(at.time_s) if effect_drift is None else self.drift.at(at.time_s) + effect_drift
         centre = self.scan.centre_px
         maps = np.empty((at.time_s.size, 2, 3))
-        maps[:, :, :2] = inverse @ raster
-        maps[:, :, 2] = centre + np.einsum("nij,nj->ni", inverse, -(raster @ centre) - state.shift_px - drift)
+        for i, k in np.ndindex(2, 2):  # 0.13 ms for 10,000 matrices, and `@` 1.3 ms
+            maps[:, i, k] = inverse[:, i, 0] * raster[:, 0, k] + inverse[:, i, 1] * raster[:, 1, k]
+        maps[:, :, 2] = centre - np.einsum("nij,nj->ni", inverse, raster @ centre + state.shift_px + drift)
         return maps
 
     def specimen_points(
