@@ -1,6 +1,7 @@
 """Qualification: coverage of the stated intervals, and the limiting effect of simulated microscopes.
 
     python tests/benchmarks/bench_qualify.py [--maps N] [--scenarios NAME ...] [--tensile N] [--write]
+    python tests/benchmarks/bench_qualify.py --daemon [NAME ...] [--write]
 
 `--maps N` draws N microscopes (7 calibration pairs of 30 x 24 points with drift, distortion and noise of the simulators' code, no images)
 and counts the intervals that hold the truth. `--scenarios` renders the frames of scenarios `qualify_*` and evaluates them by the command's
@@ -22,6 +23,7 @@ import numpy as np
 from numexp.coverage import CALIBRATION_PAIRS, GRID, SMALL, WINDOW_POINTS, affine_distortion
 from numexp.experiment import Experiment, make_experiment
 from numexp.world import HEIGHT_PX, WIDTH_PX, Field
+from qualify_daemon import daemon_rows
 from qualify_tensile import compared
 
 from semlive import estimate
@@ -184,9 +186,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--maps", type=int, default=60)
     parser.add_argument("--scenarios", nargs="*", choices=list(LIMITING), default=list(LIMITING))
     parser.add_argument("--tensile", type=int, default=60, help="number of microscopes in which a specimen is strained")
+    parser.add_argument("--daemon", nargs="*", choices=list(LIMITING), help="only: scenarios through the daemon; without a name all")
     parser.add_argument("--write", action="store_true", help="write the tables into the documentation")
     given = parser.parse_args(argv)
     limit_blas_threads()
+    if given.daemon is not None:
+        return 0 if printed("daemon", daemon_rows(LIMITING, given.daemon or list(LIMITING)), write=given.write) else 1
     tables = {
         "coverage": coverage_rows(given.maps),
         "tensile": tensile_rows(given.tensile),
