@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from semlive.data.drift import PairMotion
 from semlive.data.frame import FrameInfo
-from semlive.qualify.intervals import quantiles
+from semlive.qualify.intervals import TAILS, about, quantiles
 from semlive.qualify.values import SAME_SIZE, SAME_TURN_DEG, Figure, Qualification, ScanSetup, SetupFigures, Trend, Undetermined
 
 Array = NDArray[np.float64]
@@ -19,6 +20,7 @@ MIN_MOVES = 4
 MIN_SINE = 0.5
 """Smallest sine of the turn of the scan: the effect of its axes is proportional to it."""
 DRAWS = 4000
+ROW_TIME = "row_time_ratio"
 TURNED = Undetermined(
     "scan_axes",
     "all frames have one scan rotation, which does not separate the axes of the scan from those of the stage",
@@ -48,12 +50,14 @@ class SetupMeasurement:
         commands_px: commanded shift of each pair, px of its frames; None where it is not given.
         motions: measured motion of each pair, in the same order.
         found: their qualification.
+        intervals_s: from the start of the first frame of each pair to that of the second.
     """
 
     setup: ScanSetup
     commands_px: Sequence[tuple[float, float] | None]
     motions: Sequence[PairMotion]
     found: Qualification
+    intervals_s: Sequence[float] = ()
 
 
 def joined(main: SetupMeasurement, others: Sequence[SetupMeasurement]) -> Qualification:
@@ -63,7 +67,12 @@ def joined(main: SetupMeasurement, others: Sequence[SetupMeasurement]) -> Qualif
     magnified = any(abs(size - main.setup.pixel_nm) > SAME_SIZE * main.setup.pixel_nm for size in sizes)
     missing = (*(() if turned else (TURNED,)), *(() if magnified else (MAGNIFIED,)))
     setups = tuple(
-        SetupFigures(**asdict(other.setup), pairs=other.found.conditions.pairs, figures=(*other.found.figures, *scan_figures(main, other)))
+        SetupFigures(
+            **asdict(other.setup),
+            pairs=other.found.conditions.pairs,
+            figures=(*other.found.figures, *scan_figures(main, other), *row_time_figures(main, other)),
+            height_px=other.found.conditions.height_px,
+        )
         for other in others
     )
     return replace(main.found, undetermined=(*main.found.undetermined, *missing), setups=setups)
@@ -99,6 +108,27 @@ def scan_figures(main: SetupMeasurement, other: SetupMeasurement) -> tuple[Figur
             Figure("scan_shear", "deviation of the axes of the scan from a right angle", *quantiles(1e3 * shear), "mrad", Trend.NONE),
         ]
     return tuple(figures)
+
+
+def row_time_figures(main: SetupMeasurement, other: SetupMeasurement) -> tuple[Figure, ...]:
+    """Row time relative to the stated one, from frames with another number of rows; empty without them.
+
+    The interval of the frames of a pair is that of their rows and of a pause. The pause does not depend on the number of rows, so that the
+    difference of the intervals is that of the rows, fly-back included.
+    """
+    given = [one.found.conditions for one in (main, other)]
+    first, second = (np.asarray(one.intervals_s, dtype=np.float64) for one in (main, other))
+    stated_s, other_rows = given[0].frame_s - given[1].frame_s, given[0].height_px != given[1].height_px
+    same_scan = main.setup.is_same(other.setup) and given[0].width_px == given[1].width_px
+    freedom = len(first) + len(second) - 2
+    if not (other_rows and same_scan and all(one.timed for one in given)) or min(len(first), len(second)) < 2:
+        return ()
+    variance = (len(first) * first.var() + len(second) * second.var()) / freedom
+    sigma_s = float(np.sqrt(variance * (1.0 / len(first) + 1.0 / len(second))))
+    half = float(stats.t.ppf(TAILS[1], freedom)) * sigma_s / abs(stated_s)
+    title = "row time relative to the stated one"
+    note = "from frames with another number of rows, after which the pause is the same"
+    return (Figure(ROW_TIME, title, *about(float(first.mean() - second.mean()) / stated_s, half), "", Trend.NONE, note),)
 
 
 def _stated_turn_deg(main: SetupMeasurement, other: SetupMeasurement) -> float:

@@ -204,10 +204,12 @@ class SetupFigures(ScanSetup):
         dwell_s: dwell time.
         pairs: number of pairs.
         figures: measured figures; those of the scan relate it to the main setup.
+        height_px: height of a frame; 0 in files of earlier versions.
     """
 
     pairs: int
     figures: tuple[Figure, ...]
+    height_px: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure as Drawing
 
+from semlive.qualify.further import proposals
 from semlive.qualify.history import FigureHistory, all_dated, comparable, histories
 from semlive.qualify.limits import REFERENCE_SHIFT_PX
 from semlive.qualify.values import Figure, Qualification, SetupFigures
@@ -57,6 +58,9 @@ def qualification_document(qualification: Qualification, configuration: str) -> 
         titles = ("figure", "value", "95 % interval", "unit")
         tables = tuple(Table(setup_text(setup), titles, _rows(setup.figures)) for setup in qualification.setups)
         sections.append(Section("Other settings of the scan", tables))
+    if further := proposals(qualification):
+        texts = tuple(f"{item.step.change[0].upper()}{item.step.change[1:]}, and take pairs: {item.reason}." for item in further)
+        sections.append(Section("Further steps", (Bullets(texts),)))
     if qualification.undetermined:
         sections.append(Section("Not determined by these frames", tuple(more)))
     day = f", {conditions.day}" if conditions.dated else ""
@@ -78,7 +82,8 @@ def limiting_text(qualification: Qualification) -> str:
 def setup_text(setup: SetupFigures) -> str:
     """Settings of further pairs."""
     size = f"pixels of {setup.pixel_nm:.4g} nm, " if setup.pixel_nm else ""
-    return f"{setup.pairs} pairs, {size}scan turned by {setup.rotation_deg:.3g} deg, dwell time {MICRO * setup.dwell_s:.3g} us"
+    rows = f"{setup.height_px} rows, " if setup.height_px else ""
+    return f"{setup.pairs} pairs, {rows}{size}scan turned by {setup.rotation_deg:.3g} deg, dwell time {MICRO * setup.dwell_s:.3g} us"
 
 
 def figure_text(figure: Figure) -> tuple[str, str]:

@@ -1,6 +1,7 @@
 """Qualification: coverage of the stated intervals, and the limiting effect of simulated microscopes.
 
     python tests/benchmarks/bench_qualify.py [--microscopes N] [--keep FOLDER] [--maps N] [--scenarios NAME ...] [--tensile N] [--write]
+    python tests/benchmarks/bench_qualify.py --daemon [NAME ...] [--write]
 
 `--microscopes N` draws N microscopes at random, renders and qualifies their frames, and compares every figure and the named limit with the
 truth; `--keep` stores each result, so that an interrupted count continues.
@@ -27,6 +28,7 @@ from numexp.experiment import Experiment, make_experiment
 from numexp.world import HEIGHT_PX, WIDTH_PX, Field
 from qualify_counts import band, cases, further_rows, limit_rows
 from qualify_counts import coverage_rows as microscope_rows
+from qualify_daemon import daemon_rows
 from qualify_tensile import compared
 
 from semlive import estimate
@@ -189,9 +191,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--maps", type=int, default=60)
     parser.add_argument("--scenarios", nargs="*", choices=list(LIMITING), default=list(LIMITING))
     parser.add_argument("--tensile", type=int, default=60, help="number of microscopes in which a specimen is strained")
+    parser.add_argument("--daemon", nargs="*", choices=list(LIMITING), help="only: scenarios through the daemon; without a name all")
     parser.add_argument("--write", action="store_true", help="write the tables into the documentation")
     given = parser.parse_args(argv)
     limit_blas_threads()
+    if given.daemon is not None:
+        return 0 if printed("daemon", daemon_rows(LIMITING, given.daemon or list(LIMITING)), write=given.write) else 1
     found = cases(given.microscopes, given.keep)
     tables = {
         "microscopes": microscope_rows(found),

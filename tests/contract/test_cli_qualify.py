@@ -113,6 +113,8 @@ def test_a_wrong_request_is_refused(frames: Path, tmp_path: Path, semlive: Call)
         (("--history", frames), "needs at least two"),
         (("--history", frames, "--follow"), "--follow needs --from LOG"),
         (("--from", frames, "--follow"), "is not the folder of a log"),
+        (("--from", frames, "--from", frames, "--follow"), "and no other"),
+        (("--from", frames, "--step", "turned"), "--step needs CONFIG"),
     ):
         code, _, errors = semlive("qualify", *given)
         assert (code, reason in errors) == (2, True), errors
@@ -144,3 +146,37 @@ def test_an_instrument_may_have_no_load_frame_and_no_stage(tmp_path: Path, semli
         assert (config.load_frame, config.stage and config.stage.driver, config.plan().limits.stage_travel_um) == (
             None, "operator", 50 if stage else 1000,
         )  # fmt: skip
+
+
+def test_slow_frames_have_fewer_pairs_and_a_further_step_has_its_own_scan(tmp_path: Path, semlive: Call) -> None:
+    given, planned = tmp_path / "lab.yaml", tmp_path / "qualifying.yaml"
+    text = "sem: {folder: export, pixel_size_um: 0.1, profile: {frame_time_s: %g}}\nprotocol: {calibration_shifts_px: [[0, 0]], hold_s: 5}"
+    for frame_s, pairs in ((1, 13), (40, 13), (60, 10), (90, 6)):
+        given.write_text(text % frame_s, encoding="utf-8")
+        code, output, errors = semlive("qualify", given, "--protocol", planned)
+        assert (code, output.count(f" {pairs} pairs, about")) == (0, 1), output + errors
+        assert int(output.split("about ")[1].split()[0]) <= 30
+    for step, change, frame_s, pixel_um in (
+        ("rows", "half of the rows", 45, 0.1), ("dwell", "set 0.5 times the dwell time", 45, 0.1), ("turned", "by 90 degrees", 90, 0.1),
+        ("magnified", "double the magnification", 90, 0.05),
+    ):  # fmt: skip
+        code, output, errors = semlive("qualify", given, "--step", step, "--protocol", planned)
+        assert (code, change in output) == (0, True), output + errors
+        config = load_config(planned)
+        assert (config.sem.profile.frame_time_s, config.sem.pixel_size_um) == (frame_s, pixel_um)
+        assert config.stage is not None
+        assert config.stage.settings["um_per_px"] == pixel_um
+        assert config.run.name == f"run-{step}"
+
+
+def test_a_further_step_adds_its_figures_to_those_of_the_first(frames: Path, tmp_path: Path, semlive: Call) -> None:
+    _write_frames(tmp_path, PAIRS_PX[1:], turned_pairs=5)
+    code, output, errors = semlive("qualify", "--from", frames, "--from", tmp_path, "--quick", "--json")
+    assert code == 0, errors
+    found = json.loads(output)
+    (setup,) = found["setups"]
+    assert (found["conditions"]["pairs"], setup["pairs"], setup["rotation_deg"], setup["height_px"]) == (6, 5, 90.0, SIZE_PX)
+    assert "scan_aspect" in {figure["name"] for figure in setup["figures"]}
+    assert "scan_axes" not in {item["name"] for item in found["undetermined"]}
+    code, output, errors = semlive("qualify", "--from", frames, "--quick")
+    assert (code, "semlive qualify CONFIG --step rows --protocol rows.yaml" in output) == (0, True), output + errors

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -170,3 +171,18 @@ def test_the_log_of_a_killed_process_is_followed_while_its_folder_is_locked(tmp_
         assert (reader.is_alive(), ended) == (True, [])
     reader.join(10)
     assert "has ended before the run did" in ended[0]
+
+
+@pytest.mark.parametrize(("host", "reason"), [("another", "from the run on another for 0.0"), ("", "it has no message of a run")])
+def test_a_log_that_another_computer_writes_or_that_does_not_begin_is_given_up(tmp_path: Path, host: str, reason: str) -> None:
+    if host:
+        with (tmp_path / "run.000.mcap.part").open("wb") as stream:
+            writer = LogWriter(stream)
+            writer.write("/run", RunMessage(run="a", started_time_ns=1, host=host, versions={}, config={}), 1, 1)
+            writer.flush()
+    followed = follow(tmp_path, 0.005, silent_s=0.02, lost_s=0.3)
+    assert [message.topic for _, message in zip(range(bool(host)), followed, strict=False)] == ["/run"] * bool(host)
+    first_s = time.monotonic()
+    with pytest.raises(LogAbandoned, match=reason):
+        next(followed)
+    assert time.monotonic() - first_s > 0.25

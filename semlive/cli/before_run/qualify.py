@@ -18,8 +18,10 @@ from semlive.cli.shared.report_files import pdf_option, write_report_files
 from semlive.cli.shared.terminal import echo
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadInput
+from semlive.qualify.further import StepName, proposals
 from semlive.qualify.history import all_dated, comparable, histories
 from semlive.qualify.values import Figure, Qualification
+from semlive.report.document.blocks import Document
 from semlive.report.document.html_writer import html_page
 from semlive.report.qualification_report import (
     change_text,
@@ -32,7 +34,7 @@ from semlive.report.qualification_report import (
 from semlive.service.config.configuration import load_config
 from semlive.service.qualification.files import read_qualification, to_json
 from semlive.service.qualification.log_pairs import is_log
-from semlive.service.qualification.plan import plan_text
+from semlive.service.qualification.plan import plan_of
 from semlive.service.qualification.recommended import configuration_text
 from semlive.service.qualification.run import Progress, QualifyRequest, qualify_source
 
@@ -41,11 +43,16 @@ _MICRO = 1e6
 
 def qualify(
     instrument: Annotated[
-        Path | None, typer.Argument(help="Configuration of the instrument: write the run without load that qualifies it, and stop.")
+        Path | None,
+        typer.Argument(help="Configuration of the instrument, or a log of it: write the run without load that qualifies it, and stop."),
     ] = None,
     source: Annotated[
-        Path | None,
-        typer.Option("--from", help="Folder of exported frames, or a log of a run; frames.csv in the folder gives times and shifts."),
+        list[Path] | None,
+        typer.Option(
+            "--from",
+            help="Folder of exported frames, or a log of a run; frames.csv in the folder gives times and shifts. "
+            "Repeat the option for the logs of further steps.",
+        ),
     ] = None,
     history: Annotated[
         list[Path] | None,
@@ -68,40 +75,58 @@ def qualify(
     follow: Annotated[
         bool, typer.Option("--follow", help="With --from LOG of a run in progress: evaluate each pair, and end as soon as none is needed.")
     ] = False,
+    step: Annotated[
+        StepName | None, typer.Option("--step", help="With CONFIG, or a log: write the run of a further step with another scan.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Show what strain a microscope can measure, what limits it, and the recommended protocol, from frames without load."""
-    _require_one_purpose(instrument, source, history, follow=follow)
+    _require_one_purpose(instrument, source, history, follow=follow, step=step)
     for path, option in ((out, "--out"), (report, "--report"), (protocol, "--protocol")):
         if path is not None:
             output_file(path, option)
     pdf = pdf_option(pdf)
     if instrument is not None:
-        _write_plan(instrument, protocol)
-        return
+        return _write_plan(instrument, protocol, step)
     if history is not None:
-        _show_history(_qualifications(history), report, pdf, as_json)
-        return
+        return _show_history(_qualifications(history), report, pdf, as_json)
     assert source is not None  # checked above
-    profile = ScanProfile() if config is None else load_config(config).sem.scan_profile
-    with multi_stage_progress(hidden=follow) as progress:
-        found = qualify_source(QualifyRequest(source, profile, not quick, follow), progress, _print_progress)
-    configuration = configuration_text(found, source.resolve(), config or (source if is_log(source) else None))
-    if out is not None:
-        write_text(out, to_json(found))
-    if protocol is not None:
-        write_text(protocol, configuration)
-    document = qualification_document(found, configuration)
+    found, configuration = _evaluated(source, config, quick=quick, follow=follow)
+    for path, text in ((out, to_json(found)), (protocol, configuration)):
+        if path is not None:
+            write_text(path, text)
+    _write_report(qualification_document(found, configuration), report, pdf)
+    if as_json:
+        return typer.echo(to_json(found))
+    _print(found)
+    return _print_further(found, _instrument(source, config), source)
+
+
+def _write_report(document: Document, report: Path | None, pdf: Path | None) -> None:
     if report is not None:
         write_text(report, html_page(document))
     write_report_files(document, pdf, None)
-    if as_json:
-        typer.echo(to_json(found))
-        return
-    _print(found)
 
 
-def _require_one_purpose(instrument: Path | None, source: Path | None, history: list[Path] | None, *, follow: bool) -> None:
+def _evaluated(source: list[Path], config: Path | None, *, quick: bool, follow: bool) -> tuple[Qualification, str]:
+    """The qualification of folders or logs, and the recommended configuration."""
+    first, *others = source
+    profile = ScanProfile() if config is None else load_config(config).sem.scan_profile
+    if follow and not is_log(first):
+        echo(f"{first}: no log yet; it is awaited", err=True)
+    with multi_stage_progress(hidden=follow) as progress:
+        found = qualify_source(QualifyRequest(first, profile, not quick, follow, tuple(others)), progress, _print_progress)
+    return found, configuration_text(found, first.resolve(), _instrument(source, config))
+
+
+def _instrument(source: list[Path], config: Path | None) -> Path | None:
+    """Configuration of the instrument, or the first log, which contains it; None if there is neither."""
+    return config or (source[0] if is_log(source[0]) else None)
+
+
+def _require_one_purpose(
+    instrument: Path | None, source: list[Path] | None, history: list[Path] | None, *, follow: bool, step: StepName | None
+) -> None:
     """Check that the arguments request one thing.
 
     Raises:
@@ -109,18 +134,44 @@ def _require_one_purpose(instrument: Path | None, source: Path | None, history: 
     """
     if sum(given is not None for given in (instrument, source, history)) != 1:
         raise BadInput("give CONFIG of the instrument, --from FOLDER with frames or a log, or --history with earlier qualifications")
-    if follow and source is None:
-        raise BadInput("--follow needs --from LOG, the log of a run in progress")
+    if follow and (source is None or len(source) > 1):
+        raise BadInput("--follow needs --from LOG, the log of a run in progress, and no other")
+    if step is not None and instrument is None:
+        raise BadInput("--step needs CONFIG, the configuration of the instrument or the log of the first run")
 
 
-def _write_plan(instrument: Path, protocol: Path | None) -> None:
+def _write_plan(instrument: Path, protocol: Path | None, step: StepName | None) -> None:
     """Write the qualifying run, or print it."""
-    text = plan_text(instrument)
+    plan = plan_of(instrument, step)
     if protocol is None:
-        typer.echo(text, nl=False)
+        typer.echo(plan.text, nl=False)
         return
-    write_text(protocol, text)
-    echo(f"{protocol}: semlive run {protocol}, then semlive qualify --from its log")
+    write_text(protocol, plan.text)
+    time = "" if plan.beam_s is None else f", about {plan.beam_s / 60.0:.0f} min of beam time"
+    echo(f"{protocol}: {plan.pairs} pairs{time}")
+    before = f"{plan.change}, " if plan.change else ""
+    log = "--from its log" if step is None else "--from the first log --from its log"
+    echo(f"{before}semlive run {protocol}, then semlive qualify {log}")
+
+
+def _print_further(found: Qualification, instrument: Path | None, source: list[Path]) -> None:
+    """The further steps that are needed, with the commands to type and the time left."""
+    steps = proposals(found)
+    if not steps:
+        echo("no further step with another scan is needed")
+        return
+    frame_s = found.conditions.frame_s if found.conditions.timed else 0.0
+    seconds = [proposal.step.duration_s(frame_s, found.protocol.hold_s) for proposal in steps]
+    left = f", about {max(sum(seconds) / 60.0, 1.0):.0f} min left" if frame_s else ""
+    echo(f"further steps: {len(steps)}{left}")
+    for proposal, duration_s in zip(steps, seconds, strict=True):
+        step = proposal.step
+        time = f", about {max(duration_s / 60.0, 1.0):.0f} min" if frame_s else ""
+        echo(f"  {step.change} ({len(step.shifts)} pairs{time}): {proposal.reason}")
+    name = steps[0].step.name.value
+    logs = " ".join(f"--from {path}" for path in source)
+    echo(f"next: semlive qualify {instrument or 'CONFIG'} --step {name} --protocol {name}.yaml")
+    echo(f"      semlive run {name}.yaml, then semlive qualify {logs} --from its log")
 
 
 def _print_progress(progress: Progress) -> None:
@@ -175,10 +226,7 @@ def _qualifications(paths: list[Path]) -> list[Qualification]:
 
 def _show_history(found: list[Qualification], report: Path | None, pdf: Path | None, as_json: bool) -> None:
     series = histories(found)
-    document = history_document(found)
-    if report is not None:
-        write_text(report, html_page(document))
-    write_report_files(document, pdf, None)
+    _write_report(history_document(found), report, pdf)
     if as_json:
         figures = [
             {"name": item.name, "time_ns": item.time_ns, "value": [figure.value for figure in item.figures], "worse": item.worse}

@@ -30,6 +30,10 @@ _MARK_BYTES = 48
 _RECENT = 100_000
 SILENT_S = 10.0
 """Time without a new message, s, after which it is checked whether a process still writes the log. A run writes several in a second."""
+LOST_S = 900.0
+"""Time without a new message, s, after which a log is given up whose process cannot be checked: it is on another computer, or not known
+before the first message. An operator may think for minutes, and a share may be away for some.
+"""
 
 
 class LogReplaced(BadLog):
@@ -37,7 +41,7 @@ class LogReplaced(BadLog):
 
 
 class LogAbandoned(SemliveError):
-    """The process that wrote a log was ended before it finished the log."""
+    """A log receives no further messages, although it is not finished."""
 
 
 class LogTail:
@@ -211,32 +215,55 @@ class LogTail:
 
 
 def follow(
-    log: Path, poll_s: float = 0.1, on_damage: Callable[[str], None] | None = None, silent_s: float = SILENT_S
+    log: Path,
+    poll_s: float = 0.1,
+    on_damage: Callable[[str], None] | None = None,
+    silent_s: float = SILENT_S,
+    lost_s: float = LOST_S,
 ) -> Iterator[LogMessage]:
     """Yield the messages of a growing log until its newest segment is finished; waits for new messages.
 
+    Args:
+        log: one file, finished or not, or a run folder; it need not exist yet.
+        poll_s: time between two looks at the log, s.
+        on_damage: callback with one sentence for each damage that was skipped.
+        silent_s: time without a new message after which a process of this computer is searched that writes the log, s.
+        lost_s: longest time without a new message of a log whose process cannot be checked, s.
+
     Raises:
         BadLog: a file of the log cannot be read or is not MCAP.
-        LogAbandoned: no message came for `silent_s`, and no process of this computer, on which the run began, writes the log.
+        LogAbandoned: no message came for `silent_s`, and no process of this computer, on which the run began, writes the log; or none came
+            for `lost_s`, and the run began on another computer, or has no first message.
     """
     tail, host = LogTail(log, on_damage), ""
-    silent_since_s, ended = time.monotonic(), False
+    newest_s, ended, checked_s = time.monotonic(), False, time.monotonic()
     while True:
         for message in tail.poll():
             host = host or _host(message)
             yield message
-            silent_since_s, ended = time.monotonic(), False
+            newest_s, ended = time.monotonic(), False
         if tail.finished:
             return
+        now_s = time.monotonic()
         if ended:  # before this poll
             raise LogAbandoned(
                 f"{log}: the process that wrote it has ended before the run did; resume the run with semlive run CONFIG --resume, "
                 "or read the log as it is, without following it"
             )
-        if time.monotonic() - silent_since_s > silent_s:
-            ended = host == socket.gethostname() and not is_held(log if log.is_dir() else log.parent)
-            silent_since_s = time.monotonic()
+        is_local = host == socket.gethostname()
+        if not is_local and now_s - newest_s > lost_s:
+            raise LogAbandoned(f"{log}: {_no_message(host)} for {lost_s / 60.0:.3g} min; {_CHECK_RUN if host else _CHECK_PATH}")
+        if now_s - max(newest_s, checked_s) > silent_s:
+            ended, checked_s = is_local and not is_held(log if log.is_dir() else log.parent), now_s
         time.sleep(poll_s)
+
+
+_CHECK_RUN = "see whether the run there is in progress and the share is connected, then follow it again, or read it without following it"
+_CHECK_PATH = "start the run, check that this is the folder of its log, then follow it again"
+
+
+def _no_message(host: str) -> str:
+    return f"no message came from the run on {host}" if host else "it has no message of a run, although it was awaited"
 
 
 def _host(message: LogMessage) -> str:

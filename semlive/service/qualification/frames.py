@@ -83,7 +83,7 @@ def load_frame(frame: FolderFrame, number: int) -> Frame:
     Raises:
         BadImage: the file cannot be read.
     """
-    loaded = read_frame(_exported(frame.path, number), frame.profile)
+    loaded = read_frame(exported(frame.path, number), frame.profile)
     info, timing = loaded.info, loaded.info.timing
     if not frame.sized:
         info = replace(info, pixel_size_m=Sourced(0.0, Provenance.UNKNOWN))
@@ -113,7 +113,12 @@ def _table(folder: Path) -> tuple[FrameRow, ...]:
     return ()
 
 
-def _exported(path: Path, number: int) -> ExportedFile:
+def exported(path: Path, number: int) -> ExportedFile:
+    """An image file with its text file.
+
+    Raises:
+        BadImage: it cannot be read.
+    """
     try:
         data, mtime_ns = read_regular(path, MAX_IMAGE_BYTES), path.stat().st_mtime_ns
         sidecar = sidecar_of(path)
@@ -130,7 +135,7 @@ def _listed(path: Path, row: FrameRow | None, number: int, profile: ScanProfile)
         start_ns = _ZERO_NS + round(1e9 * row.start_s)
     else:
         given, start_ns = profile, _ZERO_NS + round(1e9 * number * NO_SCAN_FRAME_S)
-    file = _exported(path, number)
+    file = exported(path, number)
     try:
         info = read_info(file, given)
     except BadImage:  # also if only the pixel size is missing

@@ -37,6 +37,7 @@ class QualifyRequest:
 
     Attributes:
         source: folder of frames, or a log.
+        further: folders or logs of the further steps of the same qualification.
         profile: values for metadata that the files lack; a log has its own.
         search_effects: search the maps for effects beyond drift and distortion, which takes the longest.
         follow: the source is the log of a run in progress, which need not exist yet; its pairs are read as they are taken.
@@ -46,6 +47,7 @@ class QualifyRequest:
     profile: ScanProfile = field(default_factory=ScanProfile)
     search_effects: bool = True
     follow: bool = False
+    further: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,16 +97,29 @@ def qualify_source(request: QualifyRequest, watch: Watch | None = None, report: 
     """
     limit_blas_threads()
     watch = watch or _ignore
+    setups = [one for part in _parts(request) for one in _measured(part, watch, report)]
+    main = max(setups, key=lambda one: len(one.pairs))
+    others = [_assessed(one, search_effects=False) for one in setups if one is not main]
+    return joined(_assessed(main, search_effects=request.search_effects), others)
+
+
+def _parts(request: QualifyRequest) -> Iterator[QualifyRequest]:
+    """One request for each folder or log."""
+    for source in (request.source, *request.further):
+        yield replace(request, source=source, further=())
+
+
+def _measured(request: QualifyRequest, watch: Watch, report: Callable[[Progress], None] | None) -> list[_Measured]:
+    """Measurements of one folder or log by setup and size of the frames."""
     given = _of_log(request) if request.follow or is_log(request.source) else _of_folder(request, watch)
     # Every n-th pair is enough for the noise of other subsets.
     every = max(1, -(-given.count // MAX_NOISE_PAIRS))
     setups: list[_Measured] = []
     for number, pair in enumerate(given.pairs):
-        setup = setup_of(pair.first.info)
-        measured = next((one for one in setups if one.setup.is_same(setup)), None)
+        measured = next((one for one in setups if one.is_of(pair.first)), None)
         try:
             if measured is None:
-                measured = _begin(request, pair.first)
+                measured = _begin(request, given, pair.first)
                 setups.append(measured)
             count = len(measured.pairs)
             measured.state, found = measure_pair(measured.settings, measured.state, _numbered(pair, count), number % every == 0)
@@ -114,20 +129,20 @@ def qualify_source(request: QualifyRequest, watch: Watch | None = None, report: 
         measured.commands.append(pair.decision.step.shift_px if given.shifted else None)
         watch("pair", number + 1, max(given.count, number + 1))
         if request.follow:
-            progress = _progress(_assessed(request, given, measured, search_effects=False).found, measured.pairs, given.count)
+            progress = _progress(_assessed(measured, search_effects=False).found, measured.pairs, given.count)
             if report is not None:
                 report(progress)
             if not progress.needs:
                 break
-    main = max(setups, key=lambda one: len(one.pairs))
-    others = [_assessed(request, given, one, search_effects=False) for one in setups if one is not main]
-    return joined(_assessed(request, given, main, search_effects=request.search_effects), others)
+    return setups
 
 
 @dataclass(slots=True, eq=False)
 class _Measured:
-    """The pairs of one setup that were measured so far, with the state after the last one."""
+    """The pairs of one setup of a folder or log that were measured so far, with the state after the last one."""
 
+    source: Path
+    given: _Input
     setup: ScanSetup
     first: Frame
     settings: AnalysisSettings
@@ -136,9 +151,18 @@ class _Measured:
     pairs: list[PairMeasurement] = field(default_factory=list)
     commands: list[tuple[float, float] | None] = field(default_factory=list)
 
+    def is_of(self, frame: Frame) -> bool:
+        """Whether a frame has this setup and size."""
+        return self.setup.is_same(setup_of(frame.info)) and self.first.image.shape == frame.image.shape
 
-def _begin(request: QualifyRequest, first: Frame) -> _Measured:
-    return _Measured(setup_of(first.info), first, *first_settings(first, AnalysisSettings(scan=request.profile)))
+    def intervals_s(self) -> tuple[float, ...]:
+        """From the start of the first frame of each pair to that of the second, s."""
+        decisions = [pair.decision for pair in self.pairs]
+        return tuple(1e-9 * (each.second.start_time_ns.value - each.first.start_time_ns.value) for each in decisions)
+
+
+def _begin(request: QualifyRequest, given: _Input, first: Frame) -> _Measured:
+    return _Measured(request.source, given, setup_of(first.info), first, *first_settings(first, AnalysisSettings(scan=request.profile)))
 
 
 def _numbered(pair: Pair, number: int) -> Pair:
@@ -151,14 +175,14 @@ def _numbered(pair: Pair, number: int) -> Pair:
     )
 
 
-def _assessed(request: QualifyRequest, given: _Input, measured: _Measured, *, search_effects: bool) -> SetupMeasurement:
+def _assessed(measured: _Measured, *, search_effects: bool) -> SetupMeasurement:
     assert measured.state is not None  # after a pair
     try:
         evidence = conclude(measured.first, measured.choice, measured.state, measured.pairs, search_effects=search_effects)
     except IllPosed as error:
-        raise BadInput(f"{request.source}: {error}") from error
-    found = assess(evidence, request.source.resolve().name, given.not_paired, measured.commands)
-    return SetupMeasurement(measured.setup, measured.commands, evidence.estimate.motions, found)
+        raise BadInput(f"{measured.source}: {error}") from error
+    found = assess(evidence, measured.source.resolve().name, measured.given.not_paired, measured.commands)
+    return SetupMeasurement(measured.setup, measured.commands, evidence.estimate.motions, found, measured.intervals_s())
 
 
 def _progress(found: Qualification, measured: Sequence[PairMeasurement], planned: int) -> Progress:

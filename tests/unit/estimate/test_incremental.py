@@ -12,7 +12,7 @@ from semlive.estimate.joint.elimination.arrowhead import factorise, sides
 from semlive.estimate.joint.elimination.elimination import eliminate_all
 from semlive.estimate.joint.elimination.shared_parameters import parameter_codes, parameter_indices
 from semlive.estimate.joint.elimination.smoother import covariances, distortion_covariance, mean_of, pair_covariances, solve_shared
-from semlive.estimate.joint.observations.normal_equations import gradient, marginal, relinearise
+from semlive.estimate.joint.observations.normal_equations import gradient, marginal, relinearise, reweight
 from semlive.estimate.joint.observations.priors import Hyperparameters, gauge_precision, prior_precision
 from semlive.estimate.joint.observations.reformulate import reset_model_selection, with_advected_distortion, with_row_shifts
 from semlive.estimate.joint.selection.row_term import row_groups
@@ -155,3 +155,13 @@ def test_what_shifts_of_rows_took_off_is_given_back_when_they_are_in_the_model_n
     moved = estimating.strain_change(plain, reported)
     assert np.abs(reported.value - now.value).max() > 1e-6
     np.testing.assert_allclose([moved.exx, moved.eyy, moved.exy], reported.value - now.value, atol=1e-12)
+
+
+def test_the_matrix_about_other_parameters_is_that_of_a_new_sum() -> None:
+    """Blocks that frame 0 does not show have weight in the map within a pair, whose start time has no part in the noise of frame 0."""
+    state = accumulated((0, 1, 2, 3))
+    state = reweight(state, tuple(replace(rows, weight=np.maximum(rows.weight, 1e3)) for rows in state.rows))
+    moved = relinearise(state, about_of(state, 3))
+    starts = moved.layout.part("start_time")
+    required = marginal(reweight(moved, moved.rows))[0][starts]
+    np.testing.assert_allclose(marginal(moved)[0][starts], required, atol=1e-9 * np.abs(required).max())

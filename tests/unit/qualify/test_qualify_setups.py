@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from semlive.data.drift import PairMotion
+from semlive.qualify.further import StepName, proposals
 from semlive.qualify.protocol import STEPS
-from semlive.qualify.setups import SetupMeasurement, scan_figures
-from semlive.qualify.values import Conditions, Protocol, Qualification, ScanSetup
+from semlive.qualify.setups import MAGNIFIED, TURNED, SetupMeasurement, joined, row_time_figures, scan_figures
+from semlive.qualify.values import Conditions, Figure, Protocol, Qualification, ScanSetup, Undetermined
 
 Array = NDArray[np.float64]
 ASPECT, SHEAR_MRAD = 1.012, 6.0
@@ -60,3 +63,41 @@ def test_setups_differ_by_pixel_size_rotation_and_dwell() -> None:
     assert MAIN.is_same(ScanSetup(100.5, 359.8, 1e-5))
     for other in (ScanSetup(50.0, 0.0, 1e-5), ScanSetup(100.0, 90.0, 1e-5), ScanSetup(100.0, 0.0, 2e-5)):
         assert not MAIN.is_same(other)
+
+
+def timed(height_px: int, ratio: float, pairs: int, seed: int) -> SetupMeasurement:
+    """Pairs in place with a pause of 3 s, which scatters by 0.1 s, and rows that take longer than the 10 ms of the files."""
+    found = replace(FOUND, conditions=replace(FOUND.conditions, height_px=height_px, frame_s=height_px * 1e-2))
+    pauses_s = 3.0 + 0.1 * np.random.default_rng(seed).standard_normal(pairs)
+    return SetupMeasurement(MAIN, [], [], found, tuple(height_px * 1e-2 * ratio + pauses_s))
+
+
+def test_frames_with_fewer_rows_show_the_row_time_without_the_pause() -> None:
+    inside = []
+    for seed in range(0, 200, 2):
+        (figure,) = row_time_figures(timed(442, 1.25, 13, seed), timed(221, 1.25, 3, seed + 1))
+        inside.append(figure.low <= 1.25 <= figure.high)
+        assert figure.high - figure.low < 0.4
+    assert 0.88 < np.mean(inside) <= 1.0
+    assert not row_time_figures(timed(442, 1.25, 13, 1), timed(442, 1.25, 3, 2))
+    assert not row_time_figures(timed(442, 1.25, 13, 1), timed(221, 1.25, 1, 2))
+
+
+def figure_of(name: str, low: float, high: float) -> Figure:
+    return Figure(name, name, 0.5 * (low + high), low, high, "")
+
+
+def test_further_steps_are_those_that_are_still_uncertain() -> None:
+    settled = replace(FOUND, undetermined=(TURNED, MAGNIFIED), figures=(figure_of("frame_interval", 1.01, 1.012),))
+    assert proposals(settled) == ()  # no pause, no settling, and no stage whose axes the scan could bend
+    stage = [figure_of("stage_angle", 89.0, 89.5), figure_of("stage_scale_x", 0.99, 1.01), figure_of("stage_scale_y", 0.99, 1.01)]
+    uncertain = replace(
+        settled,
+        figures=(figure_of("frame_interval", 1.12, 1.13), *stage),
+        undetermined=(*settled.undetermined, Undetermined("row_start_law", "one dwell", "take another")),
+    )
+    assert [item.step.name for item in proposals(uncertain)] == list(StepName)
+    slower = SetupMeasurement(replace(MAIN, dwell_s=2e-5), [], [], FOUND)
+    rows = timed(221, 1.0, 3, 3)
+    main = replace(timed(442, 1.0, 13, 4), found=replace(uncertain, conditions=timed(442, 1.0, 2, 4).found.conditions, undetermined=()))
+    assert [item.step.name for item in proposals(joined(main, [slower, rows]))] == [StepName.TURNED]

@@ -85,7 +85,8 @@ def relinearise(state: EstimatorState, about: NDArray[np.float64]) -> EstimatorS
                 if at is not None:
                     precision[np.ix_(index, at)] += weighted.T @ part.value
             information[index] += weighted.T @ rows.disparity_px[:, int(axis is Axis.Y)]
-            reference.coupling[int(axis is Axis.Y)][:, index] -= weighted
+            if rows.from_reference:
+                reference.coupling[int(axis is Axis.Y)][:, index] -= weighted
     precision[np.ix_(~moving, moving)] = precision[np.ix_(moving, ~moving)].T
     return replace(state, precision=precision, information=information, reference=reference)
 
