@@ -37,10 +37,10 @@ def test_the_waiting_time_has_the_smallest_error() -> None:
     frame_s, noise_px, decay_s = 400.0, 0.02, 150.0
     found = _recommended(frame_s, noise_px, decay_s)
     scans_s = 2.0 * found.dwell_factor * frame_s * (len(found.shifts_px) + LOADED_PAIRS)
-    # A cubic spline with three knots in a frame leaves 5/384 of the fourth derivative.
-    left_px = 5.0 / 384.0 * 0.04 / decay_s**3 * (found.dwell_factor * frame_s / 3.0) ** 4
+    # A cubic spline with three knots in a frame has an error of 5/384 of the fourth derivative.
+    error_px = 5.0 / 384.0 * 0.04 / decay_s**3 * (found.dwell_factor * frame_s / 3.0) ** 4
     wait_s = np.linspace(0.0, 0.5 * scans_s, 5001)
-    variance = noise_px**2 / found.dwell_factor * scans_s / (scans_s - wait_s) + left_px**2 * np.exp(-2.0 * wait_s / decay_s)
+    variance = noise_px**2 / found.dwell_factor * scans_s / (scans_s - wait_s) + error_px**2 * np.exp(-2.0 * wait_s / decay_s)
     assert 0.0 < found.warm_up_s < 0.5 * scans_s
     at_wait = float(np.interp(found.warm_up_s, wait_s, variance))
     assert at_wait < 1.02 * variance.min() < variance[0]
