@@ -1,4 +1,4 @@
-"""The recommended protocol has the pairs that a calibration needs, and waits as long as its error model says."""
+"""The recommended protocol has the pairs that a calibration needs, and the waiting time with the smallest error of its model."""
 
 from __future__ import annotations
 
