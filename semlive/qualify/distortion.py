@@ -39,12 +39,12 @@ class DistortionDraws:
     """Draws of the distortion.
 
     Attributes:
-        largest_px: (d,) largest length of the distortion, affine part removed.
+        largest_px: largest length of the distortion, affine part removed, with its interval.
         strain_per_px: largest false strain of a gauge per px of shift, over exx, eyy, exy, both shifts and all places, with its interval.
         sigma_per_px: standard uncertainty of one such strain, root mean square.
     """
 
-    largest_px: Array
+    largest_px: Interval
     strain_per_px: Interval
     sigma_per_px: float
 
@@ -107,7 +107,21 @@ def draw_distortion(solution: Solution, field: DistortionField, gauge_px: float)
     # simulated microscopes. The lower end is therefore that of the strains one by one.
     size, spread = np.abs(strains[0]), strains[1:].std(axis=0)
     low = max(float(np.max(size - PLACE_SIGMAS * spread)), 0.0)
-    return DistortionDraws(largest[1:], (float(size.max()), low, float(np.quantile(np.abs(strains[1:]).max(axis=1), TAILS[1]))), sigma)
+    return DistortionDraws(
+        largest_interval(largest), (float(size.max()), low, float(np.quantile(np.abs(strains[1:]).max(axis=1), TAILS[1]))), sigma
+    )
+
+
+def largest_interval(largest: Array) -> Interval:
+    """Interval of a largest length from that of the mean field, followed by those of draws (d,).
+
+    Noise makes the largest length of a draw larger than that of the mean field, and that larger than the true one. The lower end is
+    therefore as far below the value as the upper end above it: with a distortion of 0.02 px, far below the noise, quantiles of the draws
+    contained the truth in 1 of 16 simulated microscopes, this interval in 15; with 2 px both are equal. It relies on the smoothness of the
+    posterior: the noise of hundreds of independent places would exceed both ends.
+    """
+    value, (_, low, high) = float(largest[0]), quantiles(largest[1:])
+    return value, max(min(low, 2.0 * value - high), 0.0), high
 
 
 def _basis(spline: DistortionSpline, x_px: Array, y_px: Array) -> Array:
@@ -139,7 +153,7 @@ def distortion_results(
     draws = draw_distortion(solution, field, gauge_px)
     note = f"largest over the calibrated part of the frame, gauge of {gauge_px:.0f} px"
     return [
-        Figure("distortion", "largest distortion", *quantiles(draws.largest_px), "px", note="without its affine part"),
+        Figure("distortion", "largest distortion", *draws.largest_px, "px", note="without its affine part"),
         Figure("false_strain_per_px", "false strain per px of shift, not corrected", *draws.strain_per_px, "1/px", note=note),
     ], draws
 

@@ -1,16 +1,16 @@
 """Qualification: coverage of the stated intervals, and the limiting effect of simulated microscopes.
 
-    python tests/benchmarks/bench_qualify.py [--microscopes N] [--keep FOLDER] [--maps N] [--scenarios NAME ...] [--tensile N] [--write]
+    python tests/benchmarks/bench_qualify.py [--microscopes N] [--maps N] [--tensile N] [--protocols N] [--scenarios [NAME ...]] [--write]
     python tests/benchmarks/bench_qualify.py --daemon [NAME ...] [--write]
 
 `--microscopes N` draws N microscopes at random, renders and qualifies their frames, and compares every figure and the named limit with the
-truth; `--keep` stores each result, so that an interrupted count continues.
-
-`--maps N` draws N microscopes (7 calibration pairs of 30 x 24 points with drift, distortion and noise of the simulators' code, no images)
-and counts the intervals that hold the truth. `--scenarios` renders the frames of scenarios `qualify_*` and evaluates them by the command's
-code. `--tensile N` compares the predicted strain noise of N microscopes with the error of a tensile run. `--write` writes the tables
-into docs/validation/qualification.md. Exit code 1 if a coverage is below its exact band, a limit is not named, or a noise differs by more
-than 10 %.
+truth; `--keep FOLDER` stores each result, so that an interrupted count continues. `--maps N` draws N microscopes (7 calibration pairs of 30
+x 24 points with drift, distortion and noise of the simulators' code, no images) and counts the intervals that hold the truth. `--tensile N`
+compares the predicted strain noise of N microscopes with the error of a tensile run, `--protocols N` the recommended protocol of N
+microscopes with 20 random ones of equal beam time. `--scenarios` renders the frames of scenarios `qualify_*`, all without a name, and
+evaluates them by the command's code. Without any of these all are made, 60, 60, 6 and 6 microscopes. `--write` writes the tables into
+docs/validation/qualification.md. Exit code 1 if a coverage is below its exact band, a limit is not named, a noise differs by more than
+10 %, or a random protocol is better by more than 10 %.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ from numexp.world import HEIGHT_PX, WIDTH_PX, Field
 from qualify_counts import band, cases, further_rows, limit_rows
 from qualify_counts import coverage_rows as microscope_rows
 from qualify_daemon import daemon_rows
+from qualify_protocols import Tried, contest
 from qualify_tensile import compared
 
 from semlive import estimate
 from semlive.data.settings import EstimateSettings
 from semlive.qualify.distortion import HALF_SHIFT_PX, draw_distortion, gauge_strain_per_px, sample_points, stencil, without_affine
 from semlive.qualify.drift import pair_rate
-from semlive.qualify.intervals import magnitude_interval, quantiles
+from semlive.qualify.intervals import magnitude_interval
 from semlive.qualify.noise import displacement_scatter
 from semlive.qualify.protocol import GAUGE_PX
 from semlive.service.qualification.run import QualifyRequest, qualify_source
@@ -45,6 +46,10 @@ from semlive_simulators.simulate import simulate
 
 FIRST_SEED = 20_000
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "qualification.md"
+RANDOM_PROTOCOLS, MAX_PROTOCOL_RATIO = 20, 1.1
+"""Protocols that are tried, and largest error of the recommended one over that of the best of them."""
+EVERYTHING = (60, 60, 6, 6)
+"""Microscopes of each kind if none is requested."""
 MAX_NOISE_ERROR = 0.1
 """Largest relative difference of the predicted strain noise from the error that a tensile run finds."""
 LIMITING = {
@@ -95,7 +100,7 @@ def checked(seed: int) -> list[Checked]:
     largest = float(np.linalg.norm(without_affine(bend(*outer), *outer), axis=1).max())
     strain = np.abs(gauge_strain_per_px(np.stack([bend(*points) for points in stencil(*inner, GAUGE_PX)]), GAUGE_PX)).max()
     return [
-        Checked("distortion", largest, quantiles(draws.largest_px)),
+        Checked("distortion", largest, draws.largest_px),
         Checked("false_strain_per_px", float(strain), draws.strain_per_px),
         *_drift(experiment),
         _noise(experiment),
@@ -167,6 +172,20 @@ def tensile_rows(count: int) -> Iterator[tuple[str, bool]]:
         yield f"| {number} | {one.noise_px:.3f} | {noise} | {interval} | {error} |", abs(one.ratio - 1.0) <= MAX_NOISE_ERROR
 
 
+def protocol_rows(count: int) -> Iterator[tuple[str, bool]]:
+    """Lines of the table of protocols, each with whether the recommended one is good enough."""
+    for number in range(count):
+        one = contest(number, RANDOM_PROTOCOLS)
+        errors = " | ".join(f"{1e6 * error:.0f}" for error in (*one.first, one.median))
+        both = f"{_protocol(one.recommended)} | {_protocol(one.best)}"
+        yield f"| {number} | {one.noise_px:.3f} | {both} | {errors} | {one.ratio:.3f} | {one.failed} |", one.ratio <= MAX_PROTOCOL_RATIO
+
+
+def _protocol(tried: Tried) -> str:
+    calibration = len(tried.shifts_px)
+    return f"{tried.wait_s:.0f} s, {tried.integrations} x {tried.factor:.2f}, {calibration} + {tried.repeats * 3}"
+
+
 def printed(name: str, rows: Iterator[tuple[str, bool]], *, write: bool) -> bool:
     """Print lines as they come, write them into the documentation if there are any, and return whether all are good enough."""
     lines, good = list[str](), True
@@ -185,26 +204,34 @@ def printed(name: str, rows: Iterator[tuple[str, bool]], *, write: bool) -> bool
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the tables that are requested; returns the exit code."""
-    parser = argparse.ArgumentParser(description="Coverage of intervals, limiting effects, and the prediction of strain noise.")
-    parser.add_argument("--microscopes", type=int, default=60, help="number of microscopes that are drawn, rendered and qualified")
+    parser = argparse.ArgumentParser(description="Coverage of intervals, limiting effects, recommended protocols and predicted noise.")
+    for name, what in (
+        ("microscopes", "that are drawn, rendered and qualified"),
+        ("maps", "whose maps are drawn without images"),
+        ("tensile", "in which a specimen is strained"),
+        ("protocols", "whose recommended protocol is compared"),
+    ):
+        parser.add_argument(f"--{name}", type=int, default=0, help=f"number of microscopes {what}")
     parser.add_argument("--keep", type=Path, help="folder of the qualified microscopes")
-    parser.add_argument("--maps", type=int, default=60)
-    parser.add_argument("--scenarios", nargs="*", choices=list(LIMITING), default=list(LIMITING))
-    parser.add_argument("--tensile", type=int, default=60, help="number of microscopes in which a specimen is strained")
+    parser.add_argument("--scenarios", nargs="*", choices=list(LIMITING), help="scenarios; without a name all")
     parser.add_argument("--daemon", nargs="*", choices=list(LIMITING), help="only: scenarios through the daemon; without a name all")
     parser.add_argument("--write", action="store_true", help="write the tables into the documentation")
     given = parser.parse_args(argv)
     limit_blas_threads()
     if given.daemon is not None:
         return 0 if printed("daemon", daemon_rows(LIMITING, given.daemon or list(LIMITING)), write=given.write) else 1
-    found = cases(given.microscopes, given.keep)
+    counts = (given.microscopes, given.maps, given.tensile, given.protocols)
+    everything = given.scenarios is None and not any(counts)
+    microscopes, maps, tensile, protocols = EVERYTHING if everything else counts
+    found = cases(microscopes, given.keep)
     tables = {
         "microscopes": microscope_rows(found),
         "named": limit_rows(found) if found else iter(()),
         "further": further_rows(found) if found else iter(()),
-        "coverage": coverage_rows(given.maps),
-        "tensile": tensile_rows(given.tensile),
-        "limits": scenario_rows(given.scenarios),
+        "coverage": coverage_rows(maps),
+        "tensile": tensile_rows(tensile),
+        "protocols": protocol_rows(protocols),
+        "limits": scenario_rows(list(LIMITING) if everything else [] if given.scenarios is None else given.scenarios or list(LIMITING)),
     }
     return 0 if all([printed(name, rows, write=given.write) for name, rows in tables.items()]) else 1
 
