@@ -114,7 +114,7 @@ def _fields(character: str, seed: int) -> Fields:
     stage = {
         "scale_x": 1.0 + draw.normal(0.01), "scale_y": 1.0 + draw.normal(0.01), "nonorthogonality_rad": draw.normal(0.01),
         "backlash_um": draw.size(1.0, 6.0) if poor else draw.size(0.05, 1.0),
-        "position_noise_um": draw.size(1.0, 25.0) if poor else draw.size(0.03, 1.0),
+        "position_noise_um": draw.size(2.0, 40.0) if poor else draw.size(0.03, 1.0),
         "yaw_rad": draw.size(3e-4, 5e-3) if poor else draw.size(1e-6, 3e-4),
     }  # fmt: skip
     drift = {axis: draw.drift(warmup_px, warmup_s, rate_px_s) for axis in "xy"}
@@ -138,16 +138,16 @@ def _fields(character: str, seed: int) -> Fields:
 def _effects(kind: int, draw: _Draw, seed: int, dwell_s: float) -> Fields:
     if kind == 2:
         choice = draw.rng.integers(3)
-        x_px, y_px = draw.size(0.01, 0.8), draw.size(0.005, 0.4)
+        x_px, y_px = draw.size(0.02, 1.0), draw.size(0.01, 0.5)
         if choice == 0:
             frequency_hz = float(draw.rng.choice((50.0, 60.0))) * (1.0 + draw.normal(5e-4))
             wave = {"amplitude_x_px": x_px, "amplitude_y_px": y_px, "frequency_hz": frequency_hz}
             return {"mains_hum": {**wave, "phase_rad": draw.rng.uniform(0.0, 6.28), "harmonics": []}}
         if choice == 1:
             return {"vibration": {"amplitude_x_px": x_px, "amplitude_y_px": y_px, "frequency_hz": draw.size(3.0, 150.0), "seed": seed}}
-        return {"row_jitter": {"sd_px": draw.size(0.02, 0.5), "seed": seed}}
+        return {"row_jitter": {"sd_px": draw.size(0.03, 0.6), "seed": seed}}
     if kind == 3:
-        length_px, size_px = draw.size(15.0, 60.0), draw.size(0.05, 4.0)
+        length_px, size_px = draw.size(15.0, 60.0), draw.size(0.1, 6.0)
         if draw.rng.integers(2):
             return {"flyback_settling": {"amplitude_px": size_px, "settling_s": length_px * dwell_s}}
         sizes = {"amplitude_um": size_px * PIXEL_UM, "length_um": length_px * PIXEL_UM}

@@ -36,7 +36,7 @@ def test_a_length_is_inside_its_interval(length: float) -> None:
 
 
 def _rates(rng: np.random.Generator, count: int, decay_s: float, scatter: float) -> DriftRates:
-    time_s = 60.0 * np.arange(count)
+    time_s = np.arange(0.0, 60.0 * count, 60.0)
     final, start = np.array([0.002, -0.004]), np.array([0.02, 0.05])
     rate = final + start * np.exp(-time_s / decay_s)[:, None] + scatter * rng.standard_normal((count, 2))
     return DriftRates(time_s, rate, np.full((count, 2), 1e-5), 27.0, 28.0)
