@@ -178,12 +178,12 @@ def protocol_rows(count: int) -> Iterator[tuple[str, bool]]:
         one = contest(number, RANDOM_PROTOCOLS)
         errors = " | ".join(f"{1e6 * error:.0f}" for error in (*one.first, one.median))
         both = f"{_protocol(one.recommended)} | {_protocol(one.best)}"
-        yield f"| {number} | {one.noise_px:.3f} | {both} | {errors} | {one.ratio:.3f} | {one.failed} |", one.ratio <= MAX_PROTOCOL_RATIO
+        yield f"| {number} | {one.noise_px:.3f} | {both} | {errors} | {one.ratio:.3f} |", one.ratio <= MAX_PROTOCOL_RATIO
 
 
 def _protocol(tried: Tried) -> str:
     calibration = len(tried.shifts_px)
-    return f"{tried.wait_s:.0f} s, {tried.integrations} x {tried.factor:.2f}, {calibration} + {tried.repeats * 3}"
+    return f"{tried.wait_s:.0f} s, {tried.integrations} x {tried.factor:.2f}, {calibration} + {tried.pairs - calibration}"
 
 
 def printed(name: str, rows: Iterator[tuple[str, bool]], *, write: bool) -> bool:

@@ -23,7 +23,9 @@ def _pairs(turns: np.ndarray) -> RowPairs:
         at = 2.0 * np.pi * (rng.uniform() + MAINS_HZ * (np.arange(ROWS, dtype=np.float64)[:, None] * ROW_S + middle_px * DWELL_S))
         wave = np.sin(at + 2.0 * np.pi * turn) - np.sin(at)
         shift = AMPLITUDES_PX[:, None, None] * wave + 0.1 * rng.standard_normal((2, ROWS, 12))
-        series.append(RowSeries(shift, np.full(shift.shape, 100.0), np.arange(ROWS, dtype=np.float64), middle_px, 1e-3, ROW_S, DWELL_S, 1.0))
+        series.append(
+            RowSeries(shift, np.full(shift.shape, 100.0), np.arange(ROWS, dtype=np.float64), middle_px, 1e-3, ROW_S, DWELL_S, 1.0)
+        )
     return RowPairs(series, np.full(len(turns), INTERVAL_S), np.zeros((len(turns), 2)))
 
 

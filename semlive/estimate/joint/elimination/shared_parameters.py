@@ -211,4 +211,4 @@ def shared_prior(state: EstimatorState, hyper: Hyperparameters, border: SharedPa
 
 
 def _touched(spline: UniformSpline, last_s: float) -> int:
-    return min(int(np.floor((last_s - spline.origin) / spline.spacing)), spline.intervals - 1) + spline.degree + 1
+    return int(spline.local(np.array([last_s]))[0].max()) + 1
