@@ -26,8 +26,10 @@ SHIFT_SHARE = 0.03
 """Largest shift as a share of the shorter edge, as in the calibration of the paper (32 of 1024 px)."""
 STEPS = ((0, 0), (2, 0), (-2, 0), (1, 0), (0, 2), (0, -2), (0, 1), (-1, -1), (0, 0))
 """Cross of shifts of a qualification, in halves of the largest: both signs of both axes, and the first place again."""
-RUN_STEPS = (STEPS[0], STEPS[1], STEPS[4], STEPS[0])
-"""Calibration of a run: the two shifts that the distortion needs, and the first place again, which shows whether the stage returns."""
+RUN_STEPS = (STEPS[0], STEPS[1], STEPS[4])
+"""Calibration of a run: the two shifts that the distortion needs. With the first place again, the dwell time that is left was 19 % shorter,
+and the error of six simulated runs 8 to 13 % larger than that of the best protocol; a qualification shows whether the stage returns.
+"""
 LOADED_PAIRS = 3
 """Pairs under load that follow the calibration in the error model."""
 DRIFT_KNOTS_PER_FRAME = EstimateSettings().drift_knots_per_frame

@@ -21,10 +21,10 @@ def _recommended(frame_s: float, noise_px: float, decay_s: float) -> Protocol:
     return recommend_protocol(conditions, figures, CHOICE)
 
 
-def test_a_calibration_shifts_along_both_axes_and_returns() -> None:
+def test_a_calibration_shifts_along_both_axes() -> None:
     shifts = np.array(_recommended(27.0, 0.02, 1000.0).shifts_px)
+    assert len(shifts) == 3
     assert np.linalg.matrix_rank(shifts) == 2
-    assert shifts[0] == pytest.approx(shifts[-1])
     assert np.abs(shifts).max() == 27.0
 
 

@@ -17,15 +17,13 @@ PAIRS = 9
 
 def _pairs(turns: np.ndarray) -> RowPairs:
     """Pairs whose second frame has the wave with another phase, by turns (k,), and noise."""
-    rng, middle_px = np.random.default_rng(8), np.arange(21.0, 504.0, 42.0)
+    rng, row_px, middle_px = np.random.default_rng(8), np.arange(float(ROWS)), np.arange(21.0, 504.0, 42.0)
     series = []
     for turn in turns:
-        at = 2.0 * np.pi * (rng.uniform() + MAINS_HZ * (np.arange(ROWS, dtype=np.float64)[:, None] * ROW_S + middle_px * DWELL_S))
+        at = 2.0 * np.pi * (rng.uniform() + MAINS_HZ * (row_px[:, None] * ROW_S + middle_px * DWELL_S))
         wave = np.sin(at + 2.0 * np.pi * turn) - np.sin(at)
         shift = AMPLITUDES_PX[:, None, None] * wave + 0.1 * rng.standard_normal((2, ROWS, 12))
-        series.append(
-            RowSeries(shift, np.full(shift.shape, 100.0), np.arange(ROWS, dtype=np.float64), middle_px, 1e-3, ROW_S, DWELL_S, 1.0)
-        )
+        series.append(RowSeries(shift, np.full(shift.shape, 100.0), row_px, middle_px, 1e-3, ROW_S, DWELL_S, 1.0))
     return RowPairs(series, np.full(len(turns), INTERVAL_S), np.zeros((len(turns), 2)))
 
 
