@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from semlive.data.diagnosis.effects import IdentifiedEffect
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance
 from semlive.diagnose.rows.series import RowSeries
@@ -29,7 +30,7 @@ from semlive.qualify.values import (
     Trend,
     Undetermined,
 )
-from semlive.qualify.waves import DRIFT_BIAS_PER_PX, RowPairs, strongest_px
+from semlive.qualify.waves import DRIFT_BIAS_PER_PX, RowPairs, certain_effects, row_motion_px, strongest_px
 
 UNKNOWN_TIMES = (Provenance.ASSUMED, Provenance.UNKNOWN)
 PATTERN = "pattern of the first frame"
@@ -47,9 +48,9 @@ def assess(
         commands: commanded shift of each pair, px; None where it is not given; empty if none is.
     """
     conditions = _conditions(evidence, source, not_paired)
-    within = [pair.within for pair in evidence.pairs]
-    wave_px = 0.0 if evidence.rows is None else DRIFT_BIAS_PER_PX * strongest_px(evidence.rows.effects) ** 2
-    rates = drift_rates([(pair.decision.first, pair.decision.second) for pair in evidence.pairs], within, wave_px)
+    frames, within = [(pair.decision.first, pair.decision.second) for pair in evidence.pairs], [pair.within for pair in evidence.pairs]
+    wave_px = DRIFT_BIAS_PER_PX * strongest_px(_row_effects(evidence)) ** 2
+    rates = drift_rates(frames, within, wave_px)
     timed, stretch = conditions.timed, _stretch(evidence)
     bends, draws = distortion_results(evidence.solution, evidence.estimate.distortion, evidence.estimate.calibration, GAUGE_PX)
     settling = None if draws is None else row_start(evidence.solution, evidence.estimate.distortion)
@@ -58,7 +59,7 @@ def assess(
         *_noise(evidence),
         *rate_results(rates, conditions.row_s, conditions.pixel_nm, timed=timed, stretch=stretch),
         *(decay_results(replace(rates, frame_s=stretch[0] * rates.frame_s)) if timed else ()),
-        *interval_results([(pair.decision.first, pair.decision.second) for pair in evidence.pairs]),
+        *interval_results(frames),
         *row_results(evidence.rows, evidence.no_rows, _row_pairs(evidence, timed=timed)),
         *bends,
         *_settling(settling, draws is not None),
@@ -68,7 +69,8 @@ def assess(
     figures = tuple(result for result in results if isinstance(result, Figure))
     undetermined = tuple(result for result in results if isinstance(result, Undetermined))
     by_name = {figure.name: figure for figure in figures}
-    sources = _sources(evidence, rates, draws, settling, by_name)
+    # The error of the drift by a wave is a strain of the wave, not of the drift.
+    sources = _sources(evidence, drift_rates(frames, within), draws, settling, by_name)
     resolution = tuple(_resolution(evidence, conditions, sources))
     limits = limits_of(sources)
     return Qualification(
@@ -104,7 +106,7 @@ def _pattern(evidence: Evidence) -> Iterator[Figure]:
 def _noise(evidence: Evidence) -> Iterator[Result]:
     found = False
     own = evidence.settings.dic.subset_px
-    by_size = {own: [pair.within for pair in evidence.pairs]}
+    by_size = {own: [pair.scattered for pair in evidence.pairs]}
     for pair in evidence.pairs:
         for disparity in pair.by_subset:
             if disparity.grid.subset_px != own:
@@ -123,8 +125,17 @@ def _noise(evidence: Evidence) -> Iterator[Result]:
 
 def _stretch(evidence: Evidence) -> tuple[float, float]:
     """True over stated row time with its standard uncertainty, if the maps show that they differ."""
-    errors = (parameter for effect in evidence.effects if effect.name == "wrong_row_time" for parameter in effect.parameters)
+    errors = (
+        parameter
+        for effect in certain_effects(evidence.effects, _row_effects(evidence))
+        if effect.name == "wrong_row_time"
+        for parameter in effect.parameters
+    )
     return next(((1.0 + error.value, error.sigma) for error in errors if error.name == "row_time_error" and error.value > -1.0), (1.0, 0.0))
+
+
+def _row_effects(evidence: Evidence) -> tuple[IdentifiedEffect, ...]:
+    return () if evidence.rows is None else evidence.rows.effects
 
 
 def _row_pairs(evidence: Evidence, *, timed: bool) -> RowPairs:
@@ -153,7 +164,12 @@ def _settling(settling: RowStart | None, calibrated: bool) -> list[Result]:
 def _effects(evidence: Evidence) -> Iterator[Result]:
     if evidence.no_effects:
         yield Undetermined("further_effects", evidence.no_effects, "take at least five pairs, some of them shifted")
-    for effect in evidence.effects:
+    certain = certain_effects(evidence.effects, _row_effects(evidence))
+    covered = [effect.name.replace("_", " ") for effect in evidence.effects if effect not in certain]
+    if covered:
+        reason = f"the maps show {', '.join(covered)}, which motion of the rows by {row_motion_px(_row_effects(evidence)):.2g} px may cause"
+        yield Undetermined("further_effects", reason, "remove waves and jitter of the rows, and take the pairs again", by_pairs=False)
+    for effect in certain:
         if effect.name != "stage_yaw":  # a figure of the stage, from the same rotations
             yield from effect_figures(effect)
             yield peak_figure(effect)
@@ -162,10 +178,10 @@ def _effects(evidence: Evidence) -> Iterator[Result]:
 def _sources(
     evidence: Evidence, rates: DriftRates, draws: DistortionDraws | None, settling: RowStart | None, figures: dict[str, Figure]
 ) -> Sources:
-    within = [pair.within for pair in evidence.pairs]
-    scatter, own = _nearest(evidence), displacement_scatter(within)
+    maps = [pair.scattered for pair in evidence.pairs]
+    scatter, own = _nearest(evidence), displacement_scatter(maps)
     # The uncertainties of a map also contain what the image noise does not explain; the prediction from one frame does not.
-    white = max(evidence.quality.median_sigma_px) or max(white_noise(within))
+    white = max(evidence.quality.median_sigma_px) or max(white_noise(maps))
     measured = own.worst()[0] if own is not None else white
     first = evidence.pairs[0].decision.first
     row_s = first.timing.row_time_s.value
@@ -180,8 +196,8 @@ def _sources(
         row_start_per_px=0.0 if settling is None else settling.strain_per_px(GAUGE_PX),
         stage_residual_px=0.0 if stage is None else stage.value,
         half_frame_px=0.5 * min(first.width_px, first.height_px),
-        row_effects=() if evidence.rows is None else evidence.rows.effects,
-        map_effects=evidence.effects,
+        row_effects=_row_effects(evidence),
+        map_effects=certain_effects(evidence.effects, _row_effects(evidence)),
     )
 
 
@@ -192,8 +208,8 @@ def _nearest(evidence: Evidence) -> Scatter | None:
 
 
 def _gauges(evidence: Evidence) -> list[Scatter | None]:
-    within = [pair.within for pair in evidence.pairs]
-    return [strain_scatter(within, window) for window in _windows(within[0].grid)]
+    maps = [pair.scattered for pair in evidence.pairs]
+    return [strain_scatter(maps, window) for window in _windows(maps[0].grid)]
 
 
 def _windows(grid: Grid) -> tuple[int, ...]:

@@ -94,7 +94,6 @@ def _drift(raster: Raster, shots: Sequence[ScannedFrame]) -> dict[str, float]:
         "drift_in_frame": last * frame_s, "drift_strain": last * row_s, "drift_decay": decay_s,
         "drift_rate_final": float(np.linalg.norm(raster.turned @ [axis.linear_px_s for axis in axes])),
         "waiting_time": decay_s * float(np.log(max(moved_px / DECAYED_PX, 1.0))),
-        "wrong_row_time_peak": _fastest_px_s(raster, shots) * abs(row_s - scenario.scan.row_time_s) * 0.5 * float(np.ptp(raster.grid.y_px)),
     }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import pytest
 from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, ParameterEstimate
 from semlive.diagnose.rows.series import RowSeries
 from semlive.qualify.scan import peak_figure
-from semlive.qualify.waves import RowPairs, amplitude_interval, stated_waves, strongest_px
+from semlive.qualify.waves import RowPairs, amplitude_interval, certain_effects, stated_waves, strongest_px
 
 ROWS, ROW_S, DWELL_S, INTERVAL_S, MAINS_HZ = 400, 0.061, 1e-4, 27.362, 50.0
 AMPLITUDES_PX = np.array([0.5, 0.25])
@@ -68,3 +68,10 @@ def test_the_largest_displacement_of_an_effect_has_the_uncertainty_of_its_amplit
     effect = IdentifiedEffect("wrong_row_time", (), 0.15, 50.0, 1e-3, False, model, amplitudes_px=(0.25,), covariance_px2=((0.0001,),))
     figure = peak_figure(effect)
     assert figure.high - figure.value == pytest.approx(1.96 * 0.15 * 0.04, rel=1e-3)
+
+
+def test_effects_of_the_maps_within_the_motion_of_the_rows_are_not_certain() -> None:
+    sizes = (("mains_hum", 0.4), ("wrong_row_time", 0.1), ("distortion_scale_drift", 0.6))
+    hum, *in_maps = (IdentifiedEffect(name, (), px, 50.0, 1e-3, False, ModelEffect(name, (), px)) for name, px in sizes)
+    assert [effect.name for effect in certain_effects(in_maps, [hum])] == ["distortion_scale_drift"]
+    assert certain_effects(in_maps, []) == tuple(in_maps)
