@@ -24,7 +24,7 @@ from semlive.service.config.configuration import load_config, parse_config
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of
 from semlive.service.qualification.log_pairs import is_log, unloaded_count, unloaded_pairs
-from semlive.service.qualification.plan import plan_text
+from semlive.service.qualification.plan import plan_of
 from semlive.service.qualification.run import Progress, QualifyRequest, qualify_source
 from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
@@ -118,7 +118,7 @@ def test_a_log_without_frames_is_refused(tmp_path: Path) -> None:
 def test_the_instrument_of_a_log_takes_the_next_protocol(tmp_path: Path) -> None:
     log, path = tmp_path / "a.mcap", tmp_path / "next.yaml"
     _write(log)
-    path.write_text(plan_text(log), encoding="utf-8")
+    path.write_text(plan_of(log).text, encoding="utf-8")
     config = load_config(path)
     assert (config.sem.folder, config.run.name) == (Path("/lab/export"), "run-qualify")
     assert max(x for x, _ in config.protocol.calibration_shifts_px) == 12.0
