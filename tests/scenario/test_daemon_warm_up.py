@@ -8,28 +8,28 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
-from scipy.interpolate import CubicHermiteSpline
 
 from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
-from semlive.service.replay.replay import ReplayRequest, replay
 
 from ..waiting import logged
 
 RATE = 20.0
-LIMIT_PX_S = 0.015
-# 1 px/s when the bench begins, a tenth of it four minutes later; the daemon's first pair is there after some three.
+LIMIT_PX_S = 0.03
+# A third of a pixel per second when the bench begins, and below the limit after twelve minutes, which are 36 s of this computer's time:
+# of a computer with five other busy processes the first pair came after 20 s.
 SCENARIO = """
 extends: paper_x200
 scan: {width_px: 320, height_px: 276, frame_time_s: 9.4}
 export: {databar_rows: 30}
 detector: {read_noise: 3.0, shot_noise: 0.25}
 drift:
-  x: {warmup_px: 100.0, warmup_s: 100.0, linear_px_s: 0.0005, quadratic_px_s2: 0.0}
-  y: {warmup_px: -20.0, warmup_s: 100.0, linear_px_s: -0.0012, quadratic_px_s2: 0.0}
+  x: {warmup_px: 100.0, warmup_s: 300.0, linear_px_s: 0.0005, quadratic_px_s2: 0.0}
+  y: {warmup_px: -20.0, warmup_s: 300.0, linear_px_s: -0.0012, quadratic_px_s2: 0.0}
 experiment:
   protocol:
     calibration_shifts_px: [[0, 0]]
@@ -95,16 +95,14 @@ def test_frames_scanned_in_a_hold_determine_its_drift(log: Path) -> None:
         assert item["begin_time_ns"] == before["start_time_ns"]["value"] < after["start_time_ns"]["value"] < item["end_time_ns"]
         rest = [rests for time_ns, rests in at_rest if time_ns <= item["begin_time_ns"]][-1:]
         assert all(rest + [rests for time_ns, rests in at_rest if item["begin_time_ns"] < time_ns < item["end_time_ns"]])
-    # The same drift from all pairs; before the first pair they do not determine it, and how many frames begin there is
-    # the scan's matter.
-    drift = replay(ReplayRequest(log)).result.estimate.drift
-    rate = CubicHermiteSpline(drift.time_s, drift.drift_px, drift.rate_px_s).derivative()
-    zero_ns = logged(log, "/pair")[0]["first"]["start_time_ns"]["value"]
-    middles_s = [(0.5 * (item["begin_time_ns"] + item["end_time_ns"]) - zero_ns) / 1e9 for item in observed]
-    spanned = [(item, at_s) for item, at_s in zip(observed, middles_s, strict=True) if drift.time_s[0] <= at_s <= drift.time_s[-1]]
-    assert len(spanned) >= 2
-    for item, at_s in spanned:
-        assert item["rate_px_s"] == pytest.approx(list(rate(at_s)), rel=0.15, abs=0.004), at_s
+    truth = json.loads((log.parents[1] / "bench" / "truth.json").read_text())["drift"]
+    for item in observed:
+        span_s = (item["end_time_ns"] - item["begin_time_ns"]) / 1e9
+        moved_px = [
+            np.diff(np.interp([item["begin_time_ns"], item["end_time_ns"]], truth["time_ns"], truth[name]))[0]
+            for name in ("dx_px", "dy_px")
+        ]
+        assert item["rate_px_s"] == pytest.approx(np.array(moved_px) / span_s, rel=0.01, abs=0.001), item
 
 
 def test_holds_are_never_shorter_than_they_must_be_nor_longer_than_they_may(log: Path) -> None:
