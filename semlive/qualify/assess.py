@@ -11,13 +11,14 @@ from semlive.data.diagnosis.effects import IdentifiedEffect
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance
 from semlive.diagnose.rows.series import RowSeries
-from semlive.qualify.distortion import DistortionDraws, RowStart, distortion_results, row_start
+from semlive.qualify.distortion import DistortionDraws, distortion_results
 from semlive.qualify.drift import DriftRates, decay_results, drift_rates, rate_results
 from semlive.qualify.evidence import Evidence
 from semlive.qualify.intervals import mean_interval
 from semlive.qualify.limits import REFERENCE_SHIFT_PX, Sources, largest_corrected, limits_of
 from semlive.qualify.noise import WINDOWS, Scatter, displacement_scatter, strain_scatter, white_noise
 from semlive.qualify.protocol import GAUGE_PX, recommend_protocol
+from semlive.qualify.row_start import RowStart
 from semlive.qualify.scan import STATED_TIMES, effect_figures, interval_results, peak_figure, row_results
 from semlive.qualify.stage import stage_results
 from semlive.qualify.values import (
@@ -30,7 +31,7 @@ from semlive.qualify.values import (
     Trend,
     Undetermined,
 )
-from semlive.qualify.waves import DRIFT_BIAS_PER_PX, RowPairs, certain_effects, row_motion_px, strongest_px
+from semlive.qualify.waves import RowMotion, RowPairs, certain_effects, row_motion_px
 
 UNKNOWN_TIMES = (Provenance.ASSUMED, Provenance.UNKNOWN)
 PATTERN = "pattern of the first frame"
@@ -49,27 +50,30 @@ def assess(
     """
     conditions = _conditions(evidence, source, not_paired)
     frames, within = [(pair.decision.first, pair.decision.second) for pair in evidence.pairs], [pair.within for pair in evidence.pairs]
-    wave_px = DRIFT_BIAS_PER_PX * strongest_px(_row_effects(evidence)) ** 2
-    rates = drift_rates(frames, within, wave_px)
     timed, stretch = conditions.timed, _stretch(evidence)
-    bends, draws = distortion_results(evidence.solution, evidence.estimate.distortion, evidence.estimate.calibration, GAUGE_PX)
-    settling = None if draws is None else row_start(evidence.solution, evidence.estimate.distortion)
+    rows = row_results(evidence.rows, evidence.no_rows, _row_pairs(evidence, timed=timed))
+    motion = RowMotion.of(rows, conditions.height_px)
+    rates = drift_rates(frames, within, motion.mean_sigma_px)
+    bends, draws = distortion_results(
+        evidence.solution, evidence.estimate.distortion, evidence.estimate.calibration, GAUGE_PX, motion.mean_sigma_px
+    )
+    settling = None if draws is None else draws.settling
     results: list[Result] = [
         *_pattern(evidence),
         *_noise(evidence),
         *rate_results(rates, conditions.row_s, conditions.pixel_nm, timed=timed, stretch=stretch),
         *(decay_results(replace(rates, frame_s=stretch[0] * rates.frame_s)) if timed else ()),
         *interval_results(frames),
-        *row_results(evidence.rows, evidence.no_rows, _row_pairs(evidence, timed=timed)),
+        *rows,
         *bends,
         *_settling(settling, draws is not None),
-        *stage_results(list(commands) or [None] * len(evidence.pairs), evidence.estimate.motions),
+        *stage_results(list(commands) or [None] * len(evidence.pairs), evidence.estimate.motions, motion, rates.spacing),
         *_effects(evidence),
     ]
     figures = tuple(result for result in results if isinstance(result, Figure))
     undetermined = tuple(result for result in results if isinstance(result, Undetermined))
     by_name = {figure.name: figure for figure in figures}
-    # The error of the drift by a wave is a strain of the wave, not of the drift.
+    # The error of the drift by motion of the rows is a strain of that motion, not of the drift.
     sources = _sources(evidence, drift_rates(frames, within), draws, settling, by_name)
     resolution = tuple(_resolution(evidence, conditions, sources))
     limits = limits_of(sources)

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from semlive.data.drift import CalibrationQuality, DistortionField
 from semlive.estimate import Solution
-from semlive.model.distortion import DistortionSpline
-from semlive.model.knots import KnotSpline
-from semlive.model.splines import UniformSpline
-from semlive.qualify.intervals import TAILS, Interval, quantiles
+from semlive.qualify.intervals import TAILS, Interval, quantiles, widened
+from semlive.qualify.row_start import RowStart, RowStartFit, basis_of, distortion_rows
 from semlive.qualify.values import Figure, Result, Undetermined
 
 Array = NDArray[np.float64]
@@ -23,14 +21,6 @@ MIN_COVERED = 0.5
 DRAWS = 1000
 PLACE_SIGMAS = 3.0
 """Standard uncertainties below the strain at a place that none of a hundred independent places exceeds in 90 % of cases."""
-COLUMNS = 40
-"""Columns of the mean profile along rows in which a settling is searched."""
-LENGTHS = 16
-SHORTEST_PX, LONGEST_SHARE = 10.0, 0.15
-MIN_GAIN, MIN_GAIN_PER_MISFIT = 25.0, 2.0
-"""Smallest gain in chi-squared of a settling at the row start over one at the row end, where no beam settles: absolute, and relative to
-the misfit that remains. A smooth distortion has similar gains at both ends.
-"""
 SHIFTS = ((HALF_SHIFT_PX, 0.0), (0.0, HALF_SHIFT_PX))
 
 
@@ -42,11 +32,13 @@ class DistortionDraws:
         largest_px: largest length of the distortion, affine part removed, with its interval.
         strain_per_px: largest false strain of a gauge per px of shift, over exx, eyy, exy, both shifts and all places, with its interval.
         sigma_per_px: standard uncertainty of one such strain, root mean square.
+        settling: settling at the row start, which is part of the distortion; None if it is not significant.
     """
 
     largest_px: Interval
     strain_per_px: Interval
     sigma_per_px: float
+    settling: RowStart | None
 
 
 def sample_points(field: DistortionField, margin_px: float) -> tuple[Array, Array]:
@@ -84,23 +76,28 @@ def stencil(x_px: Array, y_px: Array, gauge_px: float) -> list[tuple[Array, Arra
 
 
 def draw_distortion(solution: Solution, field: DistortionField, gauge_px: float) -> DistortionDraws:
-    """Draw the distortion from its posterior, and derive both figures from each draw."""
-    spline, part = solution.state.distortion, solution.state.layout.part("distortion")
-    rows = np.zeros((spline.size, len(solution.mean)))
-    rows[:, part] = np.eye(spline.size)
-    covariance = solution.covariance_of(rows)
+    """Draw the distortion from its posterior, and derive both figures from each draw.
+
+    What the prior removes from a significant settling at the row start is added to each draw.
+    """
+    spline = solution.state.distortion
+    covariance = solution.covariance_of(distortion_rows(solution))
     size, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(size, 0.0))
     rng = np.random.default_rng(4)
     parameters = np.vstack((solution.part("distortion"), solution.part("distortion") + rng.standard_normal((DRAWS, spline.size)) @ root.T))
+    fit = RowStartFit.of(solution, field)
+    settling = fit.found(parameters[0])
+    if settling is not None:
+        parameters = parameters + fit.removed(parameters)
     outer = sample_points(field, 0.0)
     inner = sample_points(field, 0.5 * gauge_px + HALF_SHIFT_PX)
     # The basis is evaluated once: field by field, 1001 draws at 17 sets of points took 5 s.
     coefficients = parameters.reshape(len(parameters), -1, 2)
-    drawn = np.moveaxis(_basis(spline, *outer) @ coefficients, 0, 1)
+    drawn = np.moveaxis(basis_of(spline, *outer) @ coefficients, 0, 1)
     largest = np.linalg.norm(without_affine(drawn.reshape(len(drawn), -1), *outer).reshape(drawn.shape), axis=2).max(axis=0)
     x, y = np.moveaxis(np.array(stencil(*inner, gauge_px)), 1, 0)
-    basis = _basis(spline, x.ravel(), y.ravel())
+    basis = basis_of(spline, x.ravel(), y.ravel())
     strains = np.stack([gauge_strain_per_px((basis @ each).reshape(*x.shape, 2), gauge_px).ravel() for each in coefficients])
     sigma = float(np.sqrt(np.mean(strains[1:].var(axis=0))))
     # Draws of the largest of 1014 strains exceed the true one where noise and strain are of one size: their quantiles held it in 11 of 30
@@ -108,7 +105,7 @@ def draw_distortion(solution: Solution, field: DistortionField, gauge_px: float)
     size, spread = np.abs(strains[0]), strains[1:].std(axis=0)
     low = max(float(np.max(size - PLACE_SIGMAS * spread)), 0.0)
     return DistortionDraws(
-        largest_interval(largest), (float(size.max()), low, float(np.quantile(np.abs(strains[1:]).max(axis=1), TAILS[1]))), sigma
+        largest_interval(largest), (float(size.max()), low, float(np.quantile(np.abs(strains[1:]).max(axis=1), TAILS[1]))), sigma, settling
     )
 
 
@@ -124,24 +121,18 @@ def largest_interval(largest: Array) -> Interval:
     return value, max(min(low, 2.0 * value - high), 0.0), high
 
 
-def _basis(spline: DistortionSpline, x_px: Array, y_px: Array) -> Array:
-    """(n, k) values of the basis functions of one component at points (n,)."""
-    along_x, along_y = (_along(axis, points) for axis, points in ((spline.along_x, x_px), (spline.along_y, y_px)))
-    return np.einsum("nj,ni->nji", along_y, along_x).reshape(len(x_px), -1)
-
-
-def _along(axis: UniformSpline | KnotSpline, at_px: Array) -> Array:
-    """(n, k) values of the basis functions along one axis."""
-    index, value = axis.local(at_px)
-    found = np.zeros((len(at_px), axis.size))
-    np.put_along_axis(found, index, value, axis=1)
-    return found
-
-
 def distortion_results(
-    solution: Solution, field: DistortionField, quality: CalibrationQuality | None, gauge_px: float
+    solution: Solution, field: DistortionField, quality: CalibrationQuality | None, gauge_px: float, bias_px: float = 0.0
 ) -> tuple[list[Result], DistortionDraws | None]:
-    """Largest distortion and false strain per px of shift, or why they are not determined."""
+    """Largest distortion and false strain per px of shift, or why they are not determined.
+
+    Args:
+        solution: of the joint estimate.
+        field: the distortion.
+        quality: whether it is determined.
+        gauge_px: gauge of the false strain.
+        bias_px: standard uncertainty of the maps beyond their noise. A hum of 0.4 px made the largest distortion 0.06 px too large.
+    """
     remedy = "shift the specimen or the beam along x and along y by 3 % of the frame, to both sides, and take a pair at each place"
     if quality is None or quality.refused or quality.covered < MIN_COVERED or not field.valid.any():
         reason = "the frames are not shifted along both axes" if quality is None or not quality.refused else quality.refused
@@ -151,78 +142,9 @@ def distortion_results(
             Undetermined("distortion", "the calibrated part of the frame is smaller than two gauges", "use a larger frame", by_pairs=False)
         ], None
     draws = draw_distortion(solution, field, gauge_px)
+    largest = widened(draws.largest_px, bias_px)
     note = f"largest over the calibrated part of the frame, gauge of {gauge_px:.0f} px"
     return [
-        Figure("distortion", "largest distortion", *draws.largest_px, "px", note="without its affine part"),
+        Figure("distortion", "largest distortion", *largest, "px", note="without its affine part"),
         Figure("false_strain_per_px", "false strain per px of shift, not corrected", *draws.strain_per_px, "1/px", note=note),
     ], draws
-
-
-@dataclass(frozen=True, slots=True)
-class RowStart:
-    """Settling at the row start within the distortion.
-
-    Attributes:
-        amplitude_px: (x, y) approximate amplitude at the first calibrated column, px; the smooth distortion takes part of it.
-        length_px: approximate length over which it decays by e.
-    """
-
-    amplitude_px: tuple[float, float]
-    length_px: float
-
-    def strain_per_px(self, gauge_px: float) -> float:
-        """Largest false strain of a gauge at the row start per px of shift along x."""
-        return float(np.hypot(*self.amplitude_px)) * (1.0 - np.exp(-gauge_px / self.length_px)) / gauge_px / self.length_px
-
-
-def row_start(solution: Solution, field: DistortionField) -> RowStart | None:
-    """Settling at the row start: an exponential in the mean over all rows, beyond a cubic over the columns; None if not significant.
-
-    One magnification and one dwell do not separate the laws in time and in position (`semlive experiment row-start`).
-    """
-    columns = np.flatnonzero(field.valid.any(axis=0))
-    x = np.linspace(field.grid.x_px[columns[0]], field.grid.x_px[columns[-1]], COLUMNS)
-    spline, part = solution.state.distortion, solution.state.layout.part("distortion")
-    y = field.grid.y_px[np.flatnonzero(field.valid.any(axis=1))]
-    mean = np.kron(_along(spline.along_y, y).mean(axis=0), _along(spline.along_x, x))  # (columns, coefficients of one component)
-    rows = np.zeros((2 * COLUMNS, len(solution.mean)))
-    for axis in (0, 1):
-        rows[axis * COLUMNS : (axis + 1) * COLUMNS, part.start + axis : part.stop : 2] = mean
-    profile, covariance = rows @ solution.mean, solution.covariance_of(rows)
-    size, vectors = np.linalg.eigh(covariance)
-    whiten = (vectors / np.sqrt(np.maximum(size, 1e-6 * size[-1]))).T
-    begin = _best_exponential(x - x[0], profile, whiten)
-    end = _best_exponential(x[-1] - x, profile, whiten)
-    # The longest length without an optimum below it is a smooth distortion: that of the paper gained 264 so, without settling.
-    longest = begin.length_px > 0.99 * LONGEST_SHARE * float(np.ptp(x))
-    if longest or begin.gain - end.gain < max(MIN_GAIN, MIN_GAIN_PER_MISFIT * begin.misfit):
-        return None
-    return RowStart((float(begin.amplitude_px[0]), float(begin.amplitude_px[1])), begin.length_px)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Exponential:
-    """Best exponential: gain in chi-squared, remaining misfit, length, and amplitudes along x and y."""
-
-    gain: float
-    misfit: float
-    length_px: float
-    amplitude_px: Array
-
-
-def _best_exponential(distance: Array, profile: Array, whiten: Array) -> _Exponential:
-    """The exponential of any length that explains most of a whitened profile beyond a cubic."""
-    scaled = distance / distance.max()
-    smooth = np.stack([scaled**power for power in range(4)], axis=-1)
-    data, fits = whiten @ profile, list[_Exponential]()
-    base = _misfit(whiten @ np.kron(np.eye(2), smooth), data)[0]
-    for length in np.geomspace(SHORTEST_PX, LONGEST_SHARE * distance.max(), LENGTHS):
-        term = np.exp(-distance / length)[:, None]
-        misfit, solved = _misfit(whiten @ np.kron(np.eye(2), np.hstack((smooth, term))), data)
-        fits.append(_Exponential(base - misfit, misfit, float(length), solved[[4, 9]]))
-    return max(fits, key=lambda fit: fit.gain)
-
-
-def _misfit(columns: Array, data: Array) -> tuple[float, Array]:
-    solved = np.asarray(np.linalg.lstsq(columns, data, rcond=None)[0], dtype=np.float64)
-    return float(np.sum((data - columns @ solved) ** 2)), solved

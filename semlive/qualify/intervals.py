@@ -98,10 +98,14 @@ def scaled(interval: Interval, factor: float) -> Interval:
 
 def stretched(interval: Interval, factor: float, sigma: float) -> Interval:
     """An interval in units that are longer by a factor with a standard uncertainty."""
+    return widened(scaled(interval, factor), sigma * interval[0])
+
+
+def widened(interval: Interval, sigma: float) -> Interval:
+    """An interval of a size with a further standard uncertainty."""
     value, low, high = interval
-    more = NORMAL_95 * sigma * value
-    below, above = (float(np.hypot(factor * part, more)) for part in (value - low, high - value))
-    return factor * value, max(factor * value - below, 0.0), factor * value + above
+    below, above = (float(np.hypot(part, NORMAL_95 * sigma)) for part in (value - low, high - value))
+    return value, max(value - below, 0.0), value + above
 
 
 def about(value: float, half: float) -> Interval:

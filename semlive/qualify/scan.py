@@ -13,7 +13,7 @@ from semlive.data.frame import FrameInfo
 from semlive.data.scan import Provenance
 from semlive.qualify.intervals import NORMAL_95, Interval, about
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
-from semlive.qualify.waves import MIN_SHARE, RowPairs, amplitude_interval, is_wave, stated_waves, strongest_px
+from semlive.qualify.waves import MIN_SHARE, RowPairs, amplitude_interval, is_wave, stated_waves
 
 STATED_TIMES = (Provenance.FILE, Provenance.DERIVED)
 TIMES_REMEDY = "export files that contain dwell, row and frame time and the time of the scan, or give them in frames.csv"
@@ -57,17 +57,16 @@ def row_results(rows: RowDiagnosis | None, reason: str, pairs: RowPairs) -> list
                 "row_waves", f"no hum, vibration or row jitter is significant (p = {p_value:.2g})", "none is needed", by_pairs=False
             )
         ]
-    strongest = strongest_px(rows.effects)
     found = list[Result]()
     for effect in rows.effects:
         if not is_wave(effect):
             found += _above_share(effect_figures(effect))
             continue
-        for frequency, *amplitudes in stated_waves(effect, strongest):
-            half_hz = NORMAL_95 * pairs.frequency_sigma_hz(frequency)
-            found.append(_figure(effect.name, frequency, about(frequency.value, half_hz)))
-            intervals = [amplitude_interval(amplitude, axis, frequency, pairs) for axis, amplitude in enumerate(amplitudes)]
-            found += _above_share([_figure(effect.name, *both) for both in zip(amplitudes, intervals, strict=True)])
+        for wave in stated_waves(effect, rows.effects, pairs):
+            half_hz = NORMAL_95 * pairs.frequency_sigma_hz(wave.frequency)
+            found.append(_figure(effect.name, wave.frequency, about(wave.frequency.value, half_hz)))
+            sizes = enumerate((wave.along_x, wave.along_y))
+            found += _above_share([_figure(effect.name, size, amplitude_interval(axis, wave.frequency, pairs)) for axis, size in sizes])
     return found
 
 

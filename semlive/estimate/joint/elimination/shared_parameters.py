@@ -184,14 +184,21 @@ def temporal_splines(state: EstimatorState, hyper: Hyperparameters, border: Shar
     return tuple(found)
 
 
+def distortion_prior(state: EstimatorState, hyper: Hyperparameters) -> Matrix:
+    """(m, m) gauge and prior precision of the distortion alone."""
+    affine = state.distortion.affine_rows(state.grid) / GAUGE_PX
+    bending = state.distortion.roughness() * BASE_PX**-2.0 + affine.T @ affine
+    total = np.zeros((state.distortion.size,) * 2)
+    for axis, kind in enumerate(hyper.distortion):
+        total[axis::2, axis::2] = bending + kind.roughness(state.distortion)
+    return total
+
+
 def shared_prior(state: EstimatorState, hyper: Hyperparameters, border: SharedParameters) -> Matrix:
     """(size, size) gauges and priors of the border alone. The noise of frame 0 is in units of the noise scale of the data."""
     total = np.zeros((border.size,) * 2)
-    affine = state.distortion.affine_rows(state.grid) / GAUGE_PX
-    bending = state.distortion.roughness() * BASE_PX**-2.0 + affine.T @ affine
-    for axis, kind in enumerate(hyper.distortion):
-        component = slice(axis, border.counts[DISTORTION], 2)
-        total[component, component] += bending + kind.roughness(state.distortion)
+    bent = slice(0, border.counts[DISTORTION])
+    total[bent, bent] = distortion_prior(state, hyper)
     for strand in temporal_splines(state, hyper, border):
         codes, believed = strand.belief(0, strand.first)
         at = border.place(codes)

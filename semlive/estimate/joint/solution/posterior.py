@@ -12,6 +12,7 @@ from semlive.data.drift import TermTest
 from semlive.errors import IllPosed
 from semlive.estimate.joint.elimination.arrowhead import ArrowheadFactor, cholesky, factorise, regularise, sides
 from semlive.estimate.joint.elimination.elimination import EliminationChain, eliminate_all
+from semlive.estimate.joint.elimination.shared_parameters import distortion_prior
 from semlive.estimate.joint.elimination.smoother import SharedPosterior, mean_of, solve_shared
 from semlive.estimate.joint.observations.normal_equations import gradient, marginal, relinearise, reweight
 from semlive.estimate.joint.observations.priors import Hyperparameters, gauge_precision, prior_precision
@@ -69,6 +70,16 @@ class Solution:
     def covariance_of(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k, k) covariance of k linear functions (k, n) of the parameters."""
         return self.shared_posterior.covariance_of(rows)
+
+    def distortion_shrinkage(self) -> NDArray[np.float64]:
+        """(m, m) matrix that gives, for a true distortion (m,), what its prior removes from the posterior mean.
+
+        The posterior precision is that of the data plus the prior precision P, so that the mean of the posterior means of a true distortion
+        is I - C P times it, with the posterior covariance C.
+        """
+        rows = np.zeros((self.state.distortion.size, len(self.mean)))
+        rows[:, self.state.layout.part("distortion")] = np.eye(self.state.distortion.size)
+        return np.asarray(self.covariance_of(rows) @ distortion_prior(self.state, self.hyper), dtype=np.float64)
 
 
 def select_and_solve(state: EstimatorState) -> Solution:
