@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,6 +17,8 @@ DWELL_FACTOR, MAX_LONGER_S = 2.0, 60.0
 """Factor of the dwell time of a further step; its inverse, if frames with the longer dwell would take more than this time, s."""
 CONTINUOUS = 1.02
 """Largest interval of the frames of a pair, in frame times, that is one of a continuous scan: a gap of 0.4 s after 20 s."""
+WIDEST_ROW_TIME = 0.1
+"""Largest half width of the interval of a row time ratio that needs no further pairs: fly-back is a tenth of a row or more."""
 OTHER_TIME_S = 10.0
 """Assumed time between two pairs without their hold: the move of the stage, and the end of the export, s."""
 
@@ -89,11 +92,13 @@ def _frame_s(found: Qualification) -> float:
 def _reasons(found: Qualification) -> Iterator[tuple[StepName, str]]:
     figures = {figure.name: figure for figure in found.figures}
     missing = {item.name for item in found.undetermined}
-    further = {figure.name for setup in found.setups for figure in setup.figures}
+    row_times = [figure for setup in found.setups for figure in setup.figures if figure.name == ROW_TIME]
+    half = min((0.5 * (figure.high - figure.low) for figure in row_times), default=math.inf)
     interval = figures.get("frame_interval")
-    if interval is not None and interval.high > CONTINUOUS and ROW_TIME not in further:
+    if interval is not None and interval.high > CONTINUOUS and half > WIDEST_ROW_TIME:
         pause = "which is a pause or a row time that is too short in the files"
-        yield StepName.ROWS, f"the frames of a pair begin {interval.value:.3g} frame times apart, {pause}"
+        known = f", and the pairs with fewer rows determine the row time to {100.0 * half:.0f} %" if row_times else ""
+        yield StepName.ROWS, f"the frames of a pair begin {interval.value:.3g} frame times apart, {pause}{known}"
     settles = "row_start_law" in missing
     dwell_s = found.conditions.dwell_s
     if not any(abs(setup.dwell_s - dwell_s) > SAME_DWELL * dwell_s for setup in found.setups):

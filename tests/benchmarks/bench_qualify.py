@@ -30,6 +30,7 @@ from qualify_counts import band, cases, further_rows, limit_rows
 from qualify_counts import coverage_rows as microscope_rows
 from qualify_daemon import daemon_rows
 from qualify_protocols import Tried, contest
+from qualify_steps import step_rows
 from qualify_tensile import compared
 
 from semlive import estimate
@@ -215,11 +216,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--keep", type=Path, help="folder of the qualified microscopes")
     parser.add_argument("--scenarios", nargs="*", choices=list(LIMITING), help="scenarios; without a name all")
     parser.add_argument("--daemon", nargs="*", choices=list(LIMITING), help="only: scenarios through the daemon; without a name all")
+    parser.add_argument("--steps", action="store_true", help="only: further steps with another scan through the daemon")
     parser.add_argument("--write", action="store_true", help="write the tables into the documentation")
     given = parser.parse_args(argv)
     limit_blas_threads()
     if given.daemon is not None:
         return 0 if printed("daemon", daemon_rows(LIMITING, given.daemon or list(LIMITING)), write=given.write) else 1
+    if given.steps:
+        return 0 if printed("steps", step_rows(), write=given.write) else 1
     counts = (given.microscopes, given.maps, given.tensile, given.protocols)
     everything = given.scenarios is None and not any(counts)
     microscopes, maps, tensile, protocols = EVERYTHING if everything else counts

@@ -73,11 +73,11 @@ def run_scenario(name: str, work: Path) -> DaemonRun:
         config["stage"]["settings"]["timeout_s"] = 4.0
         config["limits"].update(SLOW)
         lab.write_text(yaml.safe_dump(config), encoding="utf-8")
-        _semlive("qualify", lab, "--protocol", plan)
-        _semlive("run", plan, "--no-page", "--stop-on-fault")
-    log = json.loads(_semlive("qualify", "--from", work / "log" / "demo-qualify", "--json"))
+        run_semlive("qualify", lab, "--protocol", plan)
+        run_semlive("run", plan, "--no-page", "--stop-on-fault")
+    log = json.loads(run_semlive("qualify", "--from", work / "log" / "demo-qualify", "--json"))
     export = work / "bench" / "export"
-    folder = json.loads(_semlive("qualify", "--from", export, "--json"))
+    folder = json.loads(run_semlive("qualify", "--from", export, "--json"))
     frames = json.loads((work / "bench" / "truth.json").read_text(encoding="utf-8"))["frames"]
     minutes = ((frames[-1]["start_time_ns"] - frames[0]["start_time_ns"]) * 1e-9 + scenario.frame_duration_s) / 60.0
     planned = len(load_config(plan).protocol.calibration_shifts_px)
@@ -154,7 +154,8 @@ def _inside(figure: Mapping[str, Any], true: float) -> bool:
     return figure["low"] <= true <= figure["high"]
 
 
-def _semlive(*arguments: object) -> str:
+def run_semlive(*arguments: object) -> str:
+    """Output of a command; SystemExit with its messages if it fails."""
     done = subprocess.run([sys.executable, "-m", "semlive", *map(str, arguments)], capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"semlive {' '.join(map(str, arguments))}: {done.stdout[-1000:]}{done.stderr[-2000:]}")

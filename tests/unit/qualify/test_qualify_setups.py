@@ -101,3 +101,7 @@ def test_further_steps_are_those_that_are_still_uncertain() -> None:
     rows = timed(221, 1.0, 3, 3)
     main = replace(timed(442, 1.0, 13, 4), found=replace(uncertain, conditions=timed(442, 1.0, 2, 4).found.conditions, undetermined=()))
     assert [item.step.name for item in proposals(joined(main, [slower, rows]))] == [StepName.TURNED]
+    scattered = replace(rows, intervals_s=(2.0, 9.0, 5.0))
+    (first, _) = proposals(joined(main, [slower, scattered]))
+    assert first.step.name is StepName.ROWS
+    assert "determine the row time to" in first.reason
