@@ -11,16 +11,17 @@ from semlive.data.diagnosis.effects import IdentifiedEffect
 from semlive.data.grid import Grid
 from semlive.data.scan import Provenance
 from semlive.diagnose.rows.series import RowSeries
-from semlive.qualify.distortion import DistortionDraws, distortion_results
-from semlive.qualify.drift import DriftRates, decay_results, drift_rates, rate_results
 from semlive.qualify.evidence import Evidence
-from semlive.qualify.intervals import mean_interval
+from semlive.qualify.figures.distortion import DistortionDraws, distortion_results
+from semlive.qualify.figures.drift import DriftRates, decay_results, drift_rates, rate_results
+from semlive.qualify.figures.intervals import mean_interval
+from semlive.qualify.figures.noise import WINDOWS, Scatter, displacement_scatter, strain_scatter, white_noise
+from semlive.qualify.figures.row_start import RowStart
+from semlive.qualify.figures.scan import STATED_TIMES, effect_figures, interval_results, peak_figure, row_results
+from semlive.qualify.figures.stage import stage_results
+from semlive.qualify.figures.waves import RowMotion, RowPairs, certain_effects, row_motion_px
 from semlive.qualify.limits import REFERENCE_SHIFT_PX, Sources, largest_corrected, limits_of
-from semlive.qualify.noise import WINDOWS, Scatter, displacement_scatter, strain_scatter, white_noise
 from semlive.qualify.protocol import GAUGE_PX, recommend_protocol
-from semlive.qualify.row_start import RowStart
-from semlive.qualify.scan import STATED_TIMES, effect_figures, interval_results, peak_figure, row_results
-from semlive.qualify.stage import stage_results
 from semlive.qualify.values import (
     FORMAT_VERSION,
     Conditions,
@@ -31,7 +32,6 @@ from semlive.qualify.values import (
     Trend,
     Undetermined,
 )
-from semlive.qualify.waves import RowMotion, RowPairs, certain_effects, row_motion_px
 
 UNKNOWN_TIMES = (Provenance.ASSUMED, Provenance.UNKNOWN)
 PATTERN = "pattern of the first frame"

@@ -21,7 +21,7 @@ from semlive.diagnose.rows.verdict import diagnose_rows
 from semlive.errors import BadInput, IllPosed
 from semlive.estimate import EstimatorState, Solution
 from semlive.pipeline import AnalysisState
-from semlive.qualify.noise import SUBSETS_PX
+from semlive.qualify.figures.noise import SUBSETS_PX
 
 MAX_NOISE_PAIRS = 12
 """Pairs correlated with each subset size: the scatter of 12 maps of 500 points is determined to 2 %."""

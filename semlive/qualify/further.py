@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from semlive.qualify.setups import MAGNIFIED, ROW_TIME, TURNED
+from semlive.qualify.figures.setups import MAGNIFIED, ROW_TIME, TURNED
 from semlive.qualify.values import SAME_DWELL, Figure, Qualification
 
 CROSS = ((0, 0), (2, 0), (-2, 0), (0, 2), (0, -2))
@@ -97,8 +97,8 @@ def _reasons(found: Qualification) -> Iterator[tuple[StepName, str]]:
     interval = figures.get("frame_interval")
     if interval is not None and interval.high > CONTINUOUS and half > WIDEST_ROW_TIME:
         pause = "which is a pause or a row time that is too short in the files"
-        known = f", and the pairs with fewer rows determine the row time to {100.0 * half:.0f} %" if row_times else ""
-        yield StepName.ROWS, f"the frames of a pair begin {interval.value:.3g} frame times apart, {pause}{known}"
+        precision = f", and the pairs with fewer rows determine the row time to {100.0 * half:.0f} %" if row_times else ""
+        yield StepName.ROWS, f"the frames of a pair begin {interval.value:.3g} frame times apart, {pause}{precision}"
     settles = "row_start_law" in missing
     dwell_s = found.conditions.dwell_s
     if not any(abs(setup.dwell_s - dwell_s) > SAME_DWELL * dwell_s for setup in found.setups):

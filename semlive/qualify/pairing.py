@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from semlive.data.frame import Frame
-from semlive.qualify.setups import setup_of
+from semlive.qualify.figures.setups import setup_of
 
 MAX_PAIR_SHIFT_PX = 4.0
 """Largest shift within a pair: a stage move of a calibration is larger, the drift during a frame of a usable microscope is smaller."""

@@ -35,10 +35,10 @@ from qualify_tensile import compared
 
 from semlive import estimate
 from semlive.data.settings import EstimateSettings
-from semlive.qualify.distortion import HALF_SHIFT_PX, draw_distortion, gauge_strain_per_px, sample_points, stencil, without_affine
-from semlive.qualify.drift import pair_rate
-from semlive.qualify.intervals import magnitude_interval
-from semlive.qualify.noise import displacement_scatter
+from semlive.qualify.figures.distortion import HALF_SHIFT_PX, draw_distortion, gauge_strain_per_px, sample_points, stencil, without_affine
+from semlive.qualify.figures.drift import pair_rate
+from semlive.qualify.figures.intervals import magnitude_interval
+from semlive.qualify.figures.noise import displacement_scatter
 from semlive.qualify.protocol import GAUGE_PX
 from semlive.service.qualification.run import QualifyRequest, qualify_source
 from semlive.service.runtime.blas import limit_blas_threads

@@ -23,8 +23,8 @@ from semlive import dic
 from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.data.settings import AnalysisSettings, ScanProfile
-from semlive.qualify.distortion import POINTS, without_affine
 from semlive.qualify.evidence import first_settings
+from semlive.qualify.figures.distortion import POINTS, without_affine
 from semlive.service.config.configuration import load_config
 from semlive.service.qualification.frames import list_frames, load_frame
 from semlive_simulators.scenario import Scenario, load_scenario

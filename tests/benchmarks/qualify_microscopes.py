@@ -18,7 +18,7 @@ import yaml
 from qualify_still import Truth
 from qualify_truth import Strains, true_strains, truth_of
 
-from semlive.qualify.drift import MIN_PAIRS_DECAY
+from semlive.qualify.figures.drift import MIN_PAIRS_DECAY
 from semlive.qualify.protocol import STEPS
 from semlive.qualify.values import Qualification
 from semlive.service.qualification.run import QualifyRequest, qualify_source

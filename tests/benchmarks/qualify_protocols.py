@@ -25,8 +25,8 @@ from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import EstimateSettings
 from semlive.dic import CorrelationChoice
 from semlive.dic.image_quality.row_structure import RowStructure
-from semlive.qualify.drift import DriftRates, decay_results, pair_rate, rate_results
-from semlive.qualify.noise import displacement_scatter
+from semlive.qualify.figures.drift import DriftRates, decay_results, pair_rate, rate_results
+from semlive.qualify.figures.noise import displacement_scatter
 from semlive.qualify.protocol import STEPS, recommend_protocol
 from semlive.qualify.values import Conditions, Figure
 from semlive_simulators.effects.distortion import Distortion

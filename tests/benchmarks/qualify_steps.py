@@ -26,7 +26,7 @@ from semlive.service.qualification.files import read_qualification
 from semlive_simulators.scenario import Scenario, load_scenario
 
 RATES = {"qualify_slow_settling": 20.0, "qualify_wrong_row_time": 5.0}
-"""Seconds of experiment per second of wall time by scenario. The pause between triggered frames scatters with it, which the row time depends on."""
+"""Seconds of experiment per second of wall time by scenario; the pause between triggered frames scatters with it."""
 STEPS = {"qualify_slow_settling": ("dwell", "magnified"), "qualify_wrong_row_time": ("rows", "turned")}
 SETUP_NOISE = "noise_43"
 

@@ -19,7 +19,7 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.estimate import Solution
-from semlive.qualify.noise import strain_scatter
+from semlive.qualify.figures.noise import strain_scatter
 
 GAUGES = Grid(101, 101, 10, 80, 64, 43)
 """Grid of the strain: gauges of 83 px, of which 65 lie side by side. The estimate has the points of the coverage, which are fewer."""

@@ -10,7 +10,7 @@ from typing import cast
 from semlive.engine.schedule import TimingAssumptions, schedule
 from semlive.errors import BadImage
 from semlive.formats import read_info
-from semlive.qualify.drift import MIN_PAIRS_DECAY
+from semlive.qualify.figures.drift import MIN_PAIRS_DECAY
 from semlive.qualify.further import CROSS, FurtherStep, StepName, further_step
 from semlive.qualify.protocol import STEPS
 from semlive.service.config.configuration import Config, parse_config

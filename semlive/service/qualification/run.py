@@ -16,9 +16,9 @@ from semlive.formats.log.messages import RunMessage, from_json
 from semlive.pipeline import AnalysisState
 from semlive.qualify.assess import assess
 from semlive.qualify.evidence import MAX_NOISE_PAIRS, PairMeasurement, conclude, first_settings, measure_pair
+from semlive.qualify.figures.setups import SetupMeasurement, joined, setup_of
 from semlive.qualify.needs import Need, needs, remaining_pairs
 from semlive.qualify.pairing import frame_step, pair_frames
-from semlive.qualify.setups import SetupMeasurement, joined, setup_of
 from semlive.qualify.values import Qualification, ScanSetup
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of

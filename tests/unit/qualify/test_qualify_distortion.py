@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from semlive.qualify.distortion import largest_interval
+from semlive.qualify.figures.distortion import largest_interval
 
 
 @pytest.mark.parametrize("size", [0.3, 30.0])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from semlive.qualify.drift import DECAYED_PX, DriftRates, decay_results, fit_decay, rate_results
-from semlive.qualify.intervals import length_quantiles, magnitude_interval, mean_interval, scatter_interval
+from semlive.qualify.figures.drift import DECAYED_PX, DriftRates, decay_results, fit_decay, rate_results
+from semlive.qualify.figures.intervals import length_quantiles, magnitude_interval, mean_interval, scatter_interval
 from semlive.qualify.values import Figure, Undetermined
 
 RUNS = 300

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from semlive.data.drift import PairMotion
+from semlive.qualify.figures.setups import MAGNIFIED, TURNED, SetupMeasurement, joined, row_time_figures, scan_figures
 from semlive.qualify.further import StepName, proposals
 from semlive.qualify.protocol import STEPS
-from semlive.qualify.setups import MAGNIFIED, TURNED, SetupMeasurement, joined, row_time_figures, scan_figures
 from semlive.qualify.values import Conditions, Figure, Protocol, Qualification, ScanSetup, Undetermined
 
 Array = NDArray[np.float64]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from semlive.data.drift import PairMotion
+from semlive.qualify.figures.stage import stage_results
 from semlive.qualify.protocol import STEPS
-from semlive.qualify.stage import stage_results
 from semlive.qualify.values import Figure, Undetermined
 
 RUNS = 200

@@ -7,9 +7,9 @@ import pytest
 
 from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, ParameterEstimate
 from semlive.diagnose.rows.series import RowSeries
-from semlive.qualify.scan import peak_figure
+from semlive.qualify.figures.scan import peak_figure
+from semlive.qualify.figures.waves import RowMotion, RowPairs, amplitude_interval, certain_effects, stated_waves
 from semlive.qualify.values import Figure
-from semlive.qualify.waves import RowMotion, RowPairs, amplitude_interval, certain_effects, stated_waves
 
 ROWS, ROW_S, DWELL_S, INTERVAL_S, MAINS_HZ = 400, 0.061, 1e-4, 27.362, 50.0
 AMPLITUDES_PX = np.array([0.5, 0.25])

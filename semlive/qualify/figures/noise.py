@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from semlive import mechanics
 from semlive.data.disparity import DisparityMap
 from semlive.data.strain import Displacement
-from semlive.qualify.intervals import scatter_interval
+from semlive.qualify.figures.intervals import scatter_interval
 
 Array = NDArray[np.float64]
 SUBSETS_PX = (21, 31, 43, 61, 87)

@@ -11,8 +11,8 @@ from scipy import stats
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.frame import FrameInfo
-from semlive.qualify.intervals import length_quantiles, magnitude_interval, quantiles, scaled, stretched
-from semlive.qualify.noise import independent_points
+from semlive.qualify.figures.intervals import length_quantiles, magnitude_interval, quantiles, scaled, stretched
+from semlive.qualify.figures.noise import independent_points
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
 Array = NDArray[np.float64]
@@ -235,7 +235,10 @@ def decay_results(rates: DriftRates) -> list[Result]:
         reason = f"the rate does not decay significantly within the frames (change {float(np.hypot(*change)):.2g} px/s)"
         remedy = "none is needed if the microscope was warm; else begin soon after the specimen was inserted"
         return [Undetermined("drift_decay", reason, remedy, by_pairs=False)]
-    note = f"after the first pair, until the decaying part moves the image by less than {DECAYED_PX:g} px during a frame"
+    note = (
+        f"after the first pair, until the decaying part moves the image by less than {DECAYED_PX:g} px during a frame; "
+        "with the correction of drift the recommended protocol may wait less"
+    )
     return [
         Figure("drift_decay", "decay time of the drift rate", *quantiles(decay.time_s), "s", Trend.LARGER),
         Figure("drift_rate_final", "drift rate after the decay", *length_quantiles(decay.final_px_s), "px/s"),

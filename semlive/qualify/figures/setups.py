@@ -11,7 +11,7 @@ from scipy import stats
 
 from semlive.data.drift import PairMotion
 from semlive.data.frame import FrameInfo
-from semlive.qualify.intervals import TAILS, about, quantiles
+from semlive.qualify.figures.intervals import TAILS, about, quantiles
 from semlive.qualify.values import SAME_SIZE, SAME_TURN_DEG, Figure, Qualification, ScanSetup, SetupFigures, Trend, Undetermined
 
 Array = NDArray[np.float64]

@@ -11,9 +11,9 @@ from semlive.data.diagnosis.channels import RowDiagnosis
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome, ParameterEstimate
 from semlive.data.frame import FrameInfo
 from semlive.data.scan import Provenance
-from semlive.qualify.intervals import NORMAL_95, Interval, about
+from semlive.qualify.figures.intervals import NORMAL_95, Interval, about
+from semlive.qualify.figures.waves import MIN_SHARE, RowPairs, amplitude_interval, is_wave, stated_waves
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
-from semlive.qualify.waves import MIN_SHARE, RowPairs, amplitude_interval, is_wave, stated_waves
 
 STATED_TIMES = (Provenance.FILE, Provenance.DERIVED)
 TIMES_REMEDY = "export files that contain dwell, row and frame time and the time of the scan, or give them in frames.csv"

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from semlive.data.drift import CalibrationQuality, DistortionField
 from semlive.estimate import Solution
-from semlive.qualify.intervals import TAILS, Interval, quantiles, widened
-from semlive.qualify.row_start import RowStart, RowStartFit, basis_of, distortion_rows
+from semlive.qualify.figures.intervals import TAILS, Interval, quantiles, widened
+from semlive.qualify.figures.row_start import RowStart, RowStartFit, basis_of, distortion_rows
 from semlive.qualify.values import Figure, Result, Undetermined
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from scipy import special
 from semlive.data.diagnosis.effects import IdentifiedEffect, ParameterEstimate
 from semlive.diagnose.rows.series import RowSeries
 from semlive.diagnose.rows.spectrum import fit_wave
-from semlive.qualify.intervals import TAILS, Interval, quantiles
+from semlive.qualify.figures.intervals import TAILS, Interval, quantiles
 from semlive.qualify.values import Figure, Result
 
 Array = NDArray[np.float64]

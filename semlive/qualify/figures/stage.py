@@ -12,9 +12,9 @@ from scipy import stats
 from semlive.data.drift import PairMotion
 from semlive.errors import IllPosed
 from semlive.estimate.joint.outputs.stage_path import StagePath, stage_path
-from semlive.qualify.intervals import NORMAL_95, TAILS, about, excess_interval
+from semlive.qualify.figures.intervals import NORMAL_95, TAILS, about, excess_interval
+from semlive.qualify.figures.waves import AT_REST, RowMotion
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
-from semlive.qualify.waves import AT_REST, RowMotion
 
 Array = NDArray[np.float64]
 MIN_MOVES = 5
