@@ -63,7 +63,7 @@ def step_rows() -> Iterator[tuple[str, bool]]:
     for name, steps in STEPS.items():
         with TemporaryDirectory(prefix="semlive-") as folder:
             for run in _runs(name, steps, Path(folder)):
-                figures = "; ".join(f"`{figure}` {true:.4g} in {low:.4g} to {high:.4g}" for figure, true, low, high in run.figures)
+                figures = "; ".join(f"`{figure}` {true:.5g} in {low:.5g} to {high:.5g}" for figure, true, low, high in run.figures)
                 proposed, remaining = (", ".join(names) or "none" for names in (run.proposed, run.remaining))
                 yield f"| `{run.scenario}` | {proposed} | `{run.step}` | {run.pairs} | {figures} | {remaining} |", run.good
 
