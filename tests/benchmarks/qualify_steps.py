@@ -7,8 +7,8 @@ relate both runs follow from the scenario.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,9 +25,29 @@ from semlive.qualify.values import Qualification, SetupFigures
 from semlive.service.qualification.files import read_qualification
 from semlive_simulators.scenario import Scenario, load_scenario
 
-RATES = {"qualify_slow_settling": 20.0, "qualify_wrong_row_time": 5.0}
-"""Seconds of experiment per second of wall time by scenario; the pause between triggered frames scatters with it."""
-STEPS = {"qualify_slow_settling": ("dwell", "magnified"), "qualify_wrong_row_time": ("rows", "turned")}
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """The steps of one scenario.
+
+    Attributes:
+        name: of the scenario.
+        rate: seconds of experiment per second of wall time. The pause between triggered frames scatters with it, and thus the row time.
+        steps: names of the steps.
+        stage: what its stage has instead.
+    """
+
+    name: str
+    rate: float
+    steps: tuple[str, ...]
+    stage: Mapping[str, float] = field(default_factory=dict)
+
+
+PLANNED = (
+    Planned("qualify_slow_settling", 20.0, ("dwell", "magnified")),
+    Planned("qualify_wrong_row_time", 2.0, ("rows",)),
+    Planned("qualify_good", 20.0, ("turned",), {"nonorthogonality_rad": 0.05}),  # a stage that is oblique beyond its interval
+)
 SETUP_NOISE = "noise_43"
 
 
@@ -60,27 +80,27 @@ class StepRun:
 
 def step_rows() -> Iterator[tuple[str, bool]]:
     """Lines of the table of the steps, each with whether it was proposed and done, and its figures contain their true values."""
-    for name, steps in STEPS.items():
+    for planned in PLANNED:
         with TemporaryDirectory(prefix="semlive-") as folder:
-            for run in _runs(name, steps, Path(folder)):
+            for run in _runs(planned, Path(folder)):
                 figures = "; ".join(f"`{figure}` {true:.5g} in {low:.5g} to {high:.5g}" for figure, true, low, high in run.figures)
                 proposed, remaining = (", ".join(names) or "none" for names in (run.proposed, run.remaining))
                 yield f"| `{run.scenario}` | {proposed} | `{run.step}` | {run.pairs} | {figures} | {remaining} |", run.good
 
 
-def _runs(name: str, steps: Sequence[str], work: Path) -> Iterator[StepRun]:
-    first = _taken(name, work / "first", None, RATES[name])
+def _runs(planned: Planned, work: Path) -> Iterator[StepRun]:
+    first = _taken(planned, work / "first", None)
     found = _qualified(work / "first.json", first)
-    for step in steps:
-        log = _taken(name, work / step, step, RATES[name])
+    for step in planned.steps:
+        log = _taken(planned, work / step, step)
         both = _qualified(work / f"{step}.json", first, log)
         (setup,) = both.setups
-        truth = true_relations(load_scenario(name), step)
+        truth = true_relations(load_scenario(planned.name), step)
         figures = {figure.name: (figure.low, figure.high) for figure in setup.figures}
         if step == "dwell":
             figures["noise_ratio"] = _noise_ratio(setup, both)
         stated = tuple((key, true, *figures[key]) for key, true in truth.items() if key in figures)
-        yield StepRun(name, step, _needed(found), _needed(both), setup.pairs, stated)
+        yield StepRun(planned.name, step, _needed(found), _needed(both), setup.pairs, stated)
 
 
 def true_relations(scenario: Scenario, step: str) -> dict[str, float]:
@@ -110,14 +130,15 @@ def _needed(found: Qualification) -> tuple[str, ...]:
     return tuple(proposal.step.name.value for proposal in proposals(found))
 
 
-def _taken(name: str, work: Path, step: str | None, rate: float) -> Path:
+def _taken(planned: Planned, work: Path, step: str | None) -> Path:
     """The log of a run of the daemon with the scan of a step; the first run without one."""
     work.mkdir()
     scenario, lab, plan = work / "scenario.yaml", work / "lab.yaml", work / "plan.yaml"
-    given = yaml.safe_load((files(semlive_simulators) / "scenarios" / f"{name}.yaml").read_text(encoding="utf-8"))
-    scenario.write_text(yaml.safe_dump({**given, **_changes(load_scenario(name), step)}), encoding="utf-8")
-    with running_simulator(str(scenario), work / "bench", rate, triggered=True) as bench:
-        config = json.loads(json.dumps(daemon_config(bench, rate)))
+    given = yaml.safe_load((files(semlive_simulators) / "scenarios" / f"{planned.name}.yaml").read_text(encoding="utf-8"))
+    given["stage"] = {**given.get("stage", {}), **planned.stage}
+    scenario.write_text(yaml.safe_dump({**given, **_changes(load_scenario(planned.name), step)}), encoding="utf-8")
+    with running_simulator(str(scenario), work / "bench", planned.rate, triggered=True) as bench:
+        config = json.loads(json.dumps(daemon_config(bench, planned.rate)))
         config["stage"]["settings"]["timeout_s"] = 4.0
         config["limits"].update(SLOW)
         lab.write_text(yaml.safe_dump(config), encoding="utf-8")
