@@ -17,7 +17,7 @@ from semlive.qualify.figures.drift import DriftRates, decay_results, drift_rates
 from semlive.qualify.figures.intervals import mean_interval
 from semlive.qualify.figures.noise import WINDOWS, Scatter, displacement_scatter, strain_scatter, white_noise
 from semlive.qualify.figures.row_start import RowStart
-from semlive.qualify.figures.scan import STATED_TIMES, effect_figures, interval_results, peak_figure, row_results
+from semlive.qualify.figures.scan import STATED_TIMES, effect_figures, interval_results, peak_figure, row_results, slowest_row_time
 from semlive.qualify.figures.stage import stage_results
 from semlive.qualify.figures.waves import RowMotion, RowPairs, certain_effects, row_motion_px
 from semlive.qualify.limits import REFERENCE_SHIFT_PX, Sources, largest_corrected, limits_of
@@ -34,6 +34,8 @@ from semlive.qualify.values import (
 )
 
 UNKNOWN_TIMES = (Provenance.ASSUMED, Provenance.UNKNOWN)
+AS_STATED = (1.0, 0.0)
+"""True over stated row time, and its standard uncertainty, where nothing shows that they differ."""
 PATTERN = "pattern of the first frame"
 
 
@@ -54,6 +56,8 @@ def assess(
     rows = row_results(evidence.rows, evidence.no_rows, _row_pairs(evidence, timed=timed))
     motion = RowMotion.of(rows, conditions.height_px)
     rates = drift_rates(frames, within, motion.mean_sigma_px)
+    intervals = interval_results(frames)
+    slowest = slowest_row_time(intervals) if stretch == AS_STATED else 1.0
     bends, draws = distortion_results(
         evidence.solution, evidence.estimate.distortion, evidence.estimate.calibration, GAUGE_PX, motion.mean_sigma_px
     )
@@ -61,9 +65,9 @@ def assess(
     results: list[Result] = [
         *_pattern(evidence),
         *_noise(evidence),
-        *rate_results(rates, conditions.row_s, conditions.pixel_nm, timed=timed, stretch=stretch),
+        *rate_results(rates, conditions.row_s, conditions.pixel_nm, timed=timed, stretch=stretch, slowest=slowest),
         *(decay_results(replace(rates, frame_s=stretch[0] * rates.frame_s)) if timed else ()),
-        *interval_results(frames),
+        *intervals,
         *rows,
         *bends,
         *_settling(settling, draws is not None),
@@ -135,7 +139,7 @@ def _stretch(evidence: Evidence) -> tuple[float, float]:
         if effect.name == "wrong_row_time"
         for parameter in effect.parameters
     )
-    return next(((1.0 + error.value, error.sigma) for error in errors if error.name == "row_time_error" and error.value > -1.0), (1.0, 0.0))
+    return next(((1.0 + error.value, error.sigma) for error in errors if error.name == "row_time_error" and error.value > -1.0), AS_STATED)
 
 
 def _row_effects(evidence: Evidence) -> tuple[IdentifiedEffect, ...]:

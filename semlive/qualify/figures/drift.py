@@ -11,7 +11,7 @@ from scipy import stats
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.frame import FrameInfo
-from semlive.qualify.figures.intervals import length_quantiles, magnitude_interval, quantiles, scaled, stretched
+from semlive.qualify.figures.intervals import length_quantiles, magnitude_interval, quantiles, raised, scaled, stretched
 from semlive.qualify.figures.noise import independent_points
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
@@ -92,7 +92,7 @@ def pair_rate(disparity: DisparityMap, interval_s: float, interval_sigma_s: floa
 
 
 def rate_results(
-    rates: DriftRates, row_s: float, pixel_nm: float, *, timed: bool, stretch: tuple[float, float] = (1.0, 0.0)
+    rates: DriftRates, row_s: float, pixel_nm: float, *, timed: bool, stretch: tuple[float, float] = (1.0, 0.0), slowest: float = 1.0
 ) -> list[Result]:
     """First and last drift rate, drift during one frame, and its false strain, at the time of the last pair.
 
@@ -102,6 +102,7 @@ def rate_results(
         pixel_nm: pixel size; 0 if unknown.
         timed: whether the times of the scans are given; otherwise only the shift from frame to frame is a figure.
         stretch: true over stated row time, with its standard uncertainty.
+        slowest: largest true over stated row time that the frames permit, if nothing else determines it.
     """
     last = magnitude_interval(rates.rate_px_s[-1], rates.sigma_px_s[-1], 1)
     moved = scaled(last, rates.interval_s)
@@ -116,9 +117,9 @@ def rate_results(
     if len(rates.time_s) > 1:
         first = magnitude_interval(rates.rate_px_s[0], rates.sigma_px_s[0], 2)
         figures.insert(0, Figure("drift_rate_first", "drift rate at the first pair", *first, "px/s"))
-    in_frame = stretched(scaled(last, rates.frame_s), *stretch)
+    in_frame = raised(stretched(scaled(last, rates.frame_s), *stretch), slowest)
     figures.append(Figure("drift_in_frame", "drift during one frame, last pair", *in_frame, "px"))
-    strain = stretched(scaled(last, row_s), *stretch)
+    strain = raised(stretched(scaled(last, row_s), *stretch), slowest)
     figures.append(Figure("drift_strain", "false strain by drift within a frame, not corrected", *strain, ""))
     return list[Result](figures)
 

@@ -108,6 +108,12 @@ def widened(interval: Interval, sigma: float) -> Interval:
     return value, max(value - below, 0.0), value + above
 
 
+def raised(interval: Interval, factor: float) -> Interval:
+    """An interval of a size that may be larger by a factor of up to `factor`."""
+    value, low, high = interval
+    return value, low, value + float(np.hypot(high - value, (factor - 1.0) * value))
+
+
 def about(value: float, half: float) -> Interval:
     """A value with its symmetric interval."""
     return value, value - half, value + half

@@ -16,6 +16,8 @@ from semlive.qualify.figures.waves import MIN_SHARE, RowPairs, amplitude_interva
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
 STATED_TIMES = (Provenance.FILE, Provenance.DERIVED)
+MAX_ROW_TIME = 1.5
+"""Largest expected ratio of the true to the stated row time."""
 TIMES_REMEDY = "export files that contain dwell, row and frame time and the time of the scan, or give them in frames.csv"
 ROWS_REMEDY = "take pairs of at least 100 rows, one right after the other"
 
@@ -38,6 +40,15 @@ def interval_results(pairs: Sequence[tuple[FrameInfo, FrameInfo]]) -> list[Resul
     value, error = float(np.median(ratio)), NORMAL_95 * float(np.median(sigma)) / np.sqrt(len(ratio))
     note = "interval of the frames of a pair in units of the frame time in the file; below 1 the row time in the file is too long"
     return [Figure("frame_interval", "frame interval", value, value - error, value + error, "", Trend.NONE, note)]
+
+
+def slowest_row_time(intervals: Sequence[Result]) -> float:
+    """Largest true over stated row time that the interval of the frames permits.
+
+    The rows of a frame may take all of the time to the next one. A row time that is longer by more than half is not expected.
+    """
+    ratios = [result.value for result in intervals if isinstance(result, Figure)]
+    return min(max((1.0, *ratios)), MAX_ROW_TIME)
 
 
 def row_results(rows: RowDiagnosis | None, reason: str, pairs: RowPairs) -> list[Result]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from semlive.qualify.figures.drift import DECAYED_PX, DriftRates, decay_results, fit_decay, rate_results
 from semlive.qualify.figures.intervals import length_quantiles, magnitude_interval, mean_interval, scatter_interval
+from semlive.qualify.figures.scan import slowest_row_time
 from semlive.qualify.values import Figure, Undetermined
 
 RUNS = 300
@@ -96,3 +99,17 @@ def test_a_longer_row_time_than_stated_makes_the_drift_of_a_frame_larger() -> No
         assert isinstance(figure, Figure)
         assert figure.value == pytest.approx(true)
         assert (figure.high - figure.low) / figure.value > (0.03 if name != "drift_rate" else 0.0)
+
+
+def test_a_pause_between_frames_may_be_a_longer_row_time() -> None:
+    rates = DriftRates(np.zeros(1), np.array([[0.03, 0.04]]), np.full((1, 2), 1e-5), 20.0, 25.0)
+    interval = Figure("frame_interval", "frame interval", 1.25, 1.24, 1.26, "")
+    found = {item.name: item for item in rate_results(rates, 0.1, 10.0, timed=True, slowest=slowest_row_time([interval]))}
+    for name in ("drift_in_frame", "drift_strain"):
+        figure = found[name]
+        assert isinstance(figure, Figure)
+        assert figure.value * 1.25 == pytest.approx(figure.high, rel=1e-3)
+        assert figure.low == pytest.approx(figure.value, rel=1e-3)
+    assert slowest_row_time([replace(interval, value=2.0)]) == 1.5
+    assert slowest_row_time([replace(interval, value=0.8)]) == 1.0
+    assert slowest_row_time([]) == 1.0
