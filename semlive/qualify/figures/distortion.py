@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semlive.data.drift import CalibrationQuality, DistortionField
 from semlive.estimate import Solution
 from semlive.qualify.figures.intervals import TAILS, Interval, quantiles, widened
-from semlive.qualify.figures.row_start import RowStart, RowStartFit, basis_of, distortion_rows
+from semlive.qualify.figures.row_start import RowStart, RowStartFit, basis_of
 from semlive.qualify.values import Figure, Result, Undetermined
 
 Array = NDArray[np.float64]
@@ -81,12 +81,12 @@ def draw_distortion(solution: Solution, field: DistortionField, gauge_px: float)
     What the prior removes from a significant settling at the row start is added to each draw.
     """
     spline = solution.state.distortion
-    covariance = solution.covariance_of(distortion_rows(solution))
+    covariance = solution.distortion_covariance()
     size, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(size, 0.0))
     rng = np.random.default_rng(4)
     parameters = np.vstack((solution.part("distortion"), solution.part("distortion") + rng.standard_normal((DRAWS, spline.size)) @ root.T))
-    fit = RowStartFit.of(solution, field)
+    fit = RowStartFit.of(solution, covariance, field)
     settling = fit.found(parameters[0])
     if settling is not None:
         parameters = parameters + fit.removed(parameters)

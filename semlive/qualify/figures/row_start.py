@@ -73,42 +73,38 @@ class RowStartFit:
 
     Attributes:
         profile: (2 COLUMNS, m) whitened mean over the rows at each column, along x and then along y, from coefficients of the distortion.
-        base: (2 COLUMNS, 2 POLYNOMIALS) whitened polynomials.
         begin: exponentials at the row start, by length.
         end: exponentials at the row end, by length.
     """
 
     profile: Array
-    base: Array
     begin: tuple[_Template, ...]
     end: tuple[_Template, ...]
 
     @classmethod
-    def of(cls, solution: Solution, field: DistortionField) -> RowStartFit:
-        """The fit for the distortion of a solution over the calibrated part of its grid."""
-        spline, shrinkage = solution.state.distortion, solution.distortion_shrinkage()
+    def of(cls, solution: Solution, covariance: Array, field: DistortionField) -> RowStartFit:
+        """The fit for the distortion of a solution, with its covariance (m, m), over the calibrated part of its grid."""
+        spline, shrinkage = solution.state.distortion, covariance @ solution.distortion_prior()
         columns, rows = (np.flatnonzero(field.valid.any(axis=axis)) for axis in (0, 1))
         x = np.linspace(field.grid.x_px[columns[0]], field.grid.x_px[columns[-1]], COLUMNS)
         mean = np.kron(_along(spline.along_y, field.grid.y_px[rows]).mean(axis=0), _along(spline.along_x, x))
         profile = np.zeros((2 * COLUMNS, spline.size))
         for axis in (0, 1):
             profile[axis * COLUMNS : (axis + 1) * COLUMNS, axis::2] = mean
-        size, vectors = np.linalg.eigh(solution.covariance_of(profile @ distortion_rows(solution)))
+        size, vectors = np.linalg.eigh(profile @ covariance @ profile.T)
         whiten = (vectors / np.sqrt(np.maximum(size, 1e-6 * size[-1]))).T
         scaled = (x - x[0]) / np.ptp(x)
         base = whiten @ np.kron(np.eye(2), np.stack([scaled**power for power in range(POLYNOMIALS)], axis=-1))
-        whitened = whiten @ profile
-
-        whole = np.arange(field.grid.x_px[0] + field.grid.x_px[-1] + 1.0)
+        whitened, frame_px = whiten @ profile, np.arange(field.grid.x_px[0] + field.grid.x_px[-1] + 1.0)
 
         def template(start_px: float, length_px: float) -> _Template:
-            exponential = _exponential(spline, whole, start_px, length_px)
+            exponential = _exponential(spline, frame_px, start_px, length_px)
             removed = exponential @ shrinkage.T
             return _Template(float(abs(length_px)), np.hstack((base, whitened @ (exponential - removed).T)), removed)
 
         lengths = np.geomspace(SHORTEST_PX, LONGEST_SHARE * np.ptp(x), LENGTHS)
         begin, end = (tuple(template(at, sign * length) for length in lengths) for at, sign in ((x[0], 1.0), (x[-1], -1.0)))
-        return cls(whitened, base, begin, end)
+        return cls(whitened, begin, end)
 
     def found(self, mean: Array) -> RowStart | None:
         """Settling at the row start in a distortion (m,); None if not significant.
@@ -133,13 +129,6 @@ class RowStartFit:
         best = np.argmin(misfits, axis=0)
         amplitude = amplitudes[best, :, np.arange(len(draws))]
         return np.einsum("da,dam->dm", amplitude, np.stack([template.removed for template in self.begin])[best])
-
-
-def distortion_rows(solution: Solution) -> Array:
-    """(m, n) matrix that gives the m coefficients of the distortion from the n parameters of a solution."""
-    rows = np.zeros((solution.state.distortion.size, len(solution.mean)))
-    rows[:, solution.state.layout.part("distortion")] = np.eye(solution.state.distortion.size)
-    return rows
 
 
 def basis_of(spline: DistortionSpline, x_px: Array, y_px: Array) -> Array:

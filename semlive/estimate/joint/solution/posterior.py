@@ -71,15 +71,19 @@ class Solution:
         """(k, k) covariance of k linear functions (k, n) of the parameters."""
         return self.shared_posterior.covariance_of(rows)
 
-    def distortion_shrinkage(self) -> NDArray[np.float64]:
-        """(m, m) matrix that gives, for a true distortion (m,), what its prior removes from the posterior mean.
-
-        The posterior precision is that of the data plus the prior precision P, so that the mean of the posterior means of a true distortion
-        is I - C P times it, with the posterior covariance C.
-        """
+    def distortion_covariance(self) -> NDArray[np.float64]:
+        """(m, m) covariance of the parameters of the distortion, px^2."""
         rows = np.zeros((self.state.distortion.size, len(self.mean)))
         rows[:, self.state.layout.part("distortion")] = np.eye(self.state.distortion.size)
-        return np.asarray(self.covariance_of(rows) @ distortion_prior(self.state, self.hyper), dtype=np.float64)
+        return self.covariance_of(rows)
+
+    def distortion_prior(self) -> NDArray[np.float64]:
+        """(m, m) prior precision P of the parameters of the distortion, 1/px^2.
+
+        The posterior precision is that of the data plus P. The posterior means of a true distortion are therefore I - C P times it on
+        average, with the posterior covariance C.
+        """
+        return distortion_prior(self.state, self.hyper)
 
 
 def select_and_solve(state: EstimatorState) -> Solution:
