@@ -109,12 +109,10 @@ def right_names(strains: dict[str, float]) -> set[str]:
 
 
 def named(name: str, strains: dict[str, float]) -> str:
-    """``named``, ``wrong`` (the source is not there) or ``missed``, which noise without a source is too."""
+    """``named``, ``wrong`` (the source is not there) or ``missed``."""
     name = "row_start_settling" if name in SETTLING else name
     if name in right_names(strains):
         return "named"
-    if name == "unexplained_noise":
-        return "missed" if set(UNCORRECTED[1:]) & set(right_names(strains)) else "wrong"
     return "missed" if strains.get(name, 0.0) >= MIN_PRESENT * max(strains.values()) else "wrong"
 
 
