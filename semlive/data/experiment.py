@@ -126,17 +126,21 @@ class Recentre:
 
 @dataclass(frozen=True, slots=True)
 class WarmUp:
-    """Maximum drift rate before the experiment continues; until then, additional pairs are taken at the present position.
+    """Drift before the experiment continues; until it is slow or settled, additional pairs are taken at the present position.
 
     Attributes:
-        max_rate_px_s: maximum of forecast drift rate plus standard uncertainty.
-        max_wait_s: waiting time after which the operator decides.
+        max_rate_px_s: maximum of forecast drift rate plus standard uncertainty; None: not checked.
+        max_wait_s: waiting time after which the operator decides, or the run continues.
         gate_phases: TENSION: the gate is before the first load; CALIBRATION: after the first pair.
+        max_change_px_s: maximum change of the forecast drift rate from pair to pair, plus standard uncertainty; None: not checked.
+        continue_after_wait: whether the run continues after the waiting time without a decision of the operator.
     """
 
-    max_rate_px_s: float
+    max_rate_px_s: float | None
     max_wait_s: float
     gate_phases: Phase = Phase.TENSION
+    max_change_px_s: float | None = None
+    continue_after_wait: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -191,12 +191,14 @@ class Gates:
         calibration_rejected: the run was paused because the calibration is rejected.
         warm_up_passed: the warm-up gate was passed.
         warming_since_ns: time at which the warm-up gate was first reached; None before.
+        previous_rate_px_s: forecast drift rate and its standard uncertainty when the warm-up gate last added a pair; None before.
     """
 
     calibration_passed: bool = False
     calibration_rejected: bool = False
     warm_up_passed: bool = False
     warming_since_ns: int | None = None
+    previous_rate_px_s: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

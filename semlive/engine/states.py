@@ -13,9 +13,9 @@ Motion is ordered only in RAMPING: first the stage, then the load, never both at
 tolerance for the settle time. HOLDING is the wait before imaging. IMAGING ends with two accepted frames.
 
 If the plan has a warm-up gate, STEP_DONE leads to WARM_UP before the first load. WARM_UP leads to RAMPING of the load step when the
-forecast drift rate is small enough, to RAMPING of an additional pair until then, or to PAUSED after the maximum time. After translations,
-STEP_DONE leads to CALIBRATION_GATE before the first load, and from there to the load or, if the translations do not determine the
-distortion, to PAUSED.
+forecast drift rate is small enough or has settled, to RAMPING of an additional pair until then, and after the maximum time to PAUSED or, if
+the plan says so, to RAMPING of the step. After translations, STEP_DONE leads to CALIBRATION_GATE before the first load, and from there to
+the load or, if the translations do not determine the distortion, to PAUSED.
 
 Every fault stops the motion and leads to FAULT. Only the operator can leave FAULT: RESUME leads to RESUMING, which shows the motion that
 will follow; a second RESUME repeats the step from RAMPING with its full hold. RESUME in PAUSED repeats the step in the same way. Loading is
@@ -74,6 +74,7 @@ class Cause(StrEnum):
     MEASURE_AGAIN = "measure_again"
     WARMED_UP = "warm"
     WARM_UP_TIMEOUT = "warm_up_timeout"
+    WARM_UP_ENDED = "warm_up_ended"
     CALIBRATION_CHECK = "judge"
     CALIBRATION_ACCEPTED = "judged"
     POOR_CALIBRATION = "poor_calibration"
@@ -127,6 +128,7 @@ TRANSITIONS = MappingProxyType(
         **{(state, Cause.WARM_UP): State.WARM_UP for state in (State.STEP_DONE, State.CALIBRATION_GATE, State.PAUSED, State.RESUMING)},
         (State.WARM_UP, Cause.MEASURE_AGAIN): State.RAMPING,
         (State.WARM_UP, Cause.WARMED_UP): State.RAMPING,
+        (State.WARM_UP, Cause.WARM_UP_ENDED): State.RAMPING,
         (State.WARM_UP, Cause.WARM_UP_TIMEOUT): State.PAUSED,
         **{(state, Cause.PAUSE): State.PAUSED for state in (*_STEP_STATES, *_GATES)},
         (State.PAUSED, Cause.RESUME): State.RAMPING,

@@ -28,12 +28,13 @@ class Run:
         hold_s: duration of the hold before a pair, s.
         max_hold_s: maximum duration of the hold, s.
         settle_s: time within tolerance before the hold, s.
-        warm_up_rate_px_s: maximum drift rate of the warm-up gate, px/s; None without a gate.
+        warm_up_rate_px_s: maximum drift rate of the warm-up gate, px/s; None if it is not checked.
         warm_up_wait_s: maximum waiting time of the gate, s.
         area_mm2: cross-section of the specimen, None if unknown.
         loading_axis: image axis of the load, ``x`` or ``y``.
         pixel_um: edge of a pixel on the specimen as configured, um; None if unknown.
         mask: whether the correlation excludes a part of the specimen.
+        warm_up_change_px_s: maximum change of the drift rate from pair to pair at the warm-up gate, px/s; None if it is not checked.
     """
 
     name: str
@@ -50,6 +51,14 @@ class Run:
     loading_axis: str
     pixel_um: float | None = None
     mask: bool = False
+    warm_up_change_px_s: float | None = None
+
+    @property
+    def warm_up_required(self) -> str:
+        """Maxima of the warm-up gate as text; empty without a gate."""
+        rate = [] if self.warm_up_rate_px_s is None else [f"{60 * self.warm_up_rate_px_s:.2g} px/min"]
+        change = [] if self.warm_up_change_px_s is None else [f"a change from pair to pair of {60 * self.warm_up_change_px_s:.2g} px/min"]
+        return f"{' and '.join((*rate, *change))} required" if rate or change else ""
 
 
 @dataclass(frozen=True, slots=True)

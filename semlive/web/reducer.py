@@ -114,6 +114,7 @@ def _run(view: PageState, message: RunMessage) -> PageState:
         max_hold_s=hold.hold_s if plan.adaptive_hold is None else plan.adaptive_hold.max_hold_s,
         settle_s=hold.settle_s,
         warm_up_rate_px_s=None if gate is None else gate.max_rate_px_s,
+        warm_up_change_px_s=None if gate is None else gate.max_change_px_s,
         warm_up_wait_s=None if gate is None else gate.max_wait_s,
         area_mm2=config.specimen.area_mm2,
         loading_axis=config.specimen.loading_axis,
@@ -160,13 +161,15 @@ def _gate(view: PageState, message: StateMessage) -> Any:
     """Add the verdict of the warm-up gate to the drift panel."""
     rate, sigma, waited_s = (message.guards.get(name) for name in ("rate_px_s", "sigma_px_s", "waited_s"))
     drift = view.drift
-    if view.run is None or view.run.warm_up_rate_px_s is None or not isinstance(rate, float | int) or not isinstance(sigma, float | int):
+    required = "" if view.run is None else view.run.warm_up_required
+    if not required or not isinstance(rate, float | int) or not isinstance(sigma, float | int):
         return drift
-    required = f"{60 * view.run.warm_up_rate_px_s:.2g} px/min required"
     forecast = f"forecast {60 * rate:.2g} ± {60 * sigma:.1g} px/min"
     waited = f", waited {float(waited_s) / 60:.0f} min" if isinstance(waited_s, float | int) else ""
     if message.cause == Cause.WARMED_UP:
         return replace(drift, verdict=f"warm: {forecast}, {required}", warm=True)
+    if message.cause == Cause.WARM_UP_ENDED:
+        return replace(drift, verdict=f"not settled, and the run continues: {forecast}, {required}{waited}", warm=True)
     status = "too long" if message.cause == Cause.WARM_UP_TIMEOUT else "warming up"
     return replace(drift, verdict=f"{status}: {forecast}, {required}{waited}", warm=False)
 

@@ -50,15 +50,15 @@ def _with_forecast(drift: Drift, message: DriftForecastMessage, last: tuple[floa
 
 def _with_verdict(drift: Drift, view: PageState) -> Drift:
     """Set the verdict if there is no gate, or before its first decision; later verdicts of the gate stay unchanged."""
-    gate = None if view.run is None else view.run.warm_up_rate_px_s
+    required = "" if view.run is None else view.run.warm_up_required
     if drift.rate_px_s is None:
         return replace(drift, verdict="no forecast yet")
     rate, sigma = drift.rate_px_s
     forecast = f"forecast {60 * rate:.2g} ± {60 * sigma:.1g} px/min"
-    if gate is None:
+    if not required:
         return replace(drift, verdict=f"{forecast}; no warm-up gate is configured")
     if drift.warm is None:
-        return replace(drift, verdict=f"{forecast}, {60 * gate:.2g} px/min required before the first load")
+        return replace(drift, verdict=f"{forecast}, {required} before the run continues")
     return drift
 
 

@@ -1,15 +1,16 @@
 """Microscopes drawn at random, rendered by the simulators and qualified from their export folder by the code of the command.
 
 Each is of one of six characters, in turn; all have random scan times, noise, drift, distortion and stage. The effect of the character has
-a random size, drawn without regard to what can be detected, so that it limits the strain or does not. Commanded shifts are given in
-``frames.csv``, as a user would.
+a random size, drawn without regard to what can be detected, so that it limits the strain or does not. The pairs are those of the run that
+the command plans for the microscope, with the pairs in place until its true drift has settled as the plan defines it. Commanded shifts are
+given in ``frames.csv``, as a user would.
 """
 
 from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,9 +19,10 @@ import yaml
 from qualify_still import Truth
 from qualify_truth import Strains, true_strains, truth_of
 
-from semlive.qualify.figures.drift import MIN_PAIRS_DECAY
-from semlive.qualify.protocol import STEPS
+from semlive.data.experiment import WarmUp
 from semlive.qualify.values import Qualification
+from semlive.service.config.configuration import load_config
+from semlive.service.qualification.plan import plan_of
 from semlive.service.qualification.run import QualifyRequest, qualify_source
 from semlive_simulators.scenario import Scenario, load_scenario
 from semlive_simulators.simulate import simulate
@@ -31,6 +33,8 @@ WIDTH_PX, HEIGHT_PX, PIXEL_UM = 512, 442, 1.25
 FRAME_S = (2.0, 90.0)
 """Shortest and longest frame, drawn uniformly in the logarithm, as all sizes below."""
 LARGEST_SHIFT_PX = 14.0
+MAX_IN_PLACE = 40
+"""More pairs than the longest warm-up has: half an hour at 30 s of hold and 2 s per frame."""
 Fields = dict[str, object]
 
 
@@ -44,7 +48,7 @@ class Case:
         found: the qualification.
         truths: true values of its figures by name.
         strains: true strain of each source.
-        beam_s: beam time of the plan.
+        beam_s: beam time of its pairs.
     """
 
     number: int
@@ -161,17 +165,55 @@ def qualified(number: int, seed: int) -> Case:
     """Draw, render and qualify one microscope."""
     with tempfile.TemporaryDirectory(prefix="semlive-") as name:
         folder = Path(name)
-        scenario = draw_scenario(number, seed, folder)
+        scenario = planned(draw_scenario(number, seed, folder), folder)
         shots = [shot for shot, _ in simulate(scenario, folder / "run", None)]
         found = qualify_source(QualifyRequest(folder / "run" / "export"))
     truths = truth_of(scenario, shots, found)
     return Case(number, character_of(number), found, truths, true_strains(scenario, truths, found), beam_time_s(scenario))
 
 
+def planned(scenario: Scenario, folder: Path) -> Scenario:
+    """The scenario with the pairs of the run that the command plans.
+
+    Args:
+        scenario: of the microscope.
+        folder: for the files of the plan.
+    """
+    protocol, lab = scenario.experiment["protocol"], folder / "lab.yaml"
+    holds = {key: protocol[key] for key in ("hold_s", "settle_s") if key in protocol}
+    sem = {"folder": str(folder), "pixel_size_um": PIXEL_UM, "profile": {"frame_time_s": scenario.frame_duration_s}}
+    content = {"sem": sem, "stage": {"driver": "operator"}, "protocol": {"calibration_shifts_px": [[LARGEST_SHIFT_PX, 0.0]], **holds}}
+    lab.write_text(yaml.safe_dump(_plain(content)), encoding="utf-8")
+    run = folder / "qualifying.yaml"
+    run.write_text(plan_of(lab).text, encoding="utf-8")
+    config = load_config(run)
+    first, *others = config.protocol.calibration_shifts_px
+    rule = config.plan().warm_up
+    extra = 0 if rule is None else _warm_up_pairs(scenario, rule, others[0])
+    return _with_shifts(scenario, [first, *([others[0]] * extra), *others])
+
+
+def _with_shifts(scenario: Scenario, shifts_px: Sequence[tuple[float, float]]) -> Scenario:
+    protocol = {**scenario.experiment["protocol"], "calibration_shifts_px": [list(shift) for shift in shifts_px]}
+    return replace(scenario, experiment={**scenario.experiment, "protocol": protocol})
+
+
+def _warm_up_pairs(scenario: Scenario, rule: WarmUp, place_px: tuple[float, float]) -> int:
+    """Number of additional pairs until the true drift rate between the frames of a pair has settled, or the waiting time is over."""
+    assert rule.max_change_px_s is not None
+    played = ProtocolPlayer(_with_shifts(scenario, [place_px] * 3)).play()
+    few_s = np.array([shot.start_s for shot in played]).reshape(-1, 2)
+    # The third pair and those after it are at equal distances; the first begins with the move to the place.
+    starts_s = few_s[1] + (few_s[2] - few_s[1]) * np.arange(-1, MAX_IN_PLACE - 1)[:, None]
+    moved = np.diff(scenario.drift.at(starts_s.ravel()).reshape(-1, 2, 2), axis=1)[:, 0]
+    rates = np.linalg.norm(moved, axis=1) / np.diff(starts_s, axis=1)[:, 0]
+    for pair in range(1, MAX_IN_PLACE):
+        waited_s = starts_s[pair, 1] - starts_s[0, 1]
+        if abs(rates[pair] - rates[pair - 1]) <= rule.max_change_px_s or waited_s > rule.max_wait_s:
+            return pair
+    return MAX_IN_PLACE
+
+
 def beam_time_s(scenario: Scenario) -> float:
-    """Time of the pairs that the command plans, from the begin of the run to the end of the last frame."""
-    half_px = 0.5 * LARGEST_SHIFT_PX
-    shifts = [[half_px * x, half_px * y] for x, y in (*([(0, 0)] * MIN_PAIRS_DECAY), *STEPS)]
-    protocol = {**scenario.experiment["protocol"], "calibration_shifts_px": shifts}
-    planned = replace(scenario, experiment={**scenario.experiment, "protocol": protocol})
-    return 1e-9 * max(shot.end_ns - START_NS for shot in ProtocolPlayer(planned).play())
+    """Time of the pairs, from the begin of the run to the end of the last frame."""
+    return 1e-9 * max(shot.end_ns - START_NS for shot in ProtocolPlayer(scenario).play())

@@ -151,11 +151,16 @@ def test_an_instrument_may_have_no_load_frame_and_no_stage(tmp_path: Path, semli
 def test_slow_frames_have_fewer_pairs_and_a_further_step_has_its_own_scan(tmp_path: Path, semlive: Call) -> None:
     given, planned = tmp_path / "lab.yaml", tmp_path / "qualifying.yaml"
     text = "sem: {folder: export, pixel_size_um: 0.1, profile: {frame_time_s: %g}}\nprotocol: {calibration_shifts_px: [[0, 0]], hold_s: 5}"
-    for frame_s, pairs in ((1, 13), (40, 13), (60, 10), (90, 6)):
+    for frame_s, pairs, warms_up in ((1, 10, True), (40, 10, True), (60, 10, False), (90, 6, False)):
         given.write_text(text % frame_s, encoding="utf-8")
         code, output, errors = semlive("qualify", given, "--protocol", planned)
         assert (code, output.count(f" {pairs} pairs, about")) == (0, 1), output + errors
-        assert int(output.split("about ")[1].split()[0]) <= 30
+        rule = load_config(planned).plan().warm_up
+        assert (rule is not None, "until the drift has settled" in output) == (warms_up, warms_up)
+        minutes = [int(part.split()[0]) for part in (output.split("about ")[1], output.split("up to ")[1] if warms_up else "0")]
+        assert sum(minutes) <= 30
+        if rule is not None:
+            assert (rule.max_change_px_s, rule.continue_after_wait) == (pytest.approx(0.02 / frame_s, rel=0.01), True)
     for step, change, frame_s, pixel_um in (
         ("rows", "half of the rows", 45, 0.1), ("dwell", "set 0.5 times the dwell time", 45, 0.1), ("turned", "by 90 degrees", 90, 0.1),
         ("magnified", "double the magnification", 90, 0.05),

@@ -1,4 +1,4 @@
-"""The recommended protocol is executed as it was written: frames, their qualification, the daemon on the same instrument, its log."""
+"""An instrument is qualified by one command, and the recommended protocol is executed as it was written."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from semlive.service.config.configuration import load_config
 
 from ..waiting import PATIENCE_S, logged
 
-RATE = 20.0
+RATE, FRAME_S = 20.0, 40.0
 # With frames of 4 s a busy computer made the pauses between pairs so long, in frames, that the drift had thousands of knots.
 SCENARIO = """
 extends: paper_x200
@@ -26,7 +26,7 @@ export: {databar_rows: 30}
 detector: {read_noise: 3.0, shot_noise: 0.25}
 experiment:
   load_frame: {strain_gage: false}
-  protocol: {settle_s: 2, calibration_shifts_px: [[0, 0], [0, 0]], translation_shifts_px: [], loads_n: []}
+  protocol: {settle_s: 2, calibration_shifts_px: [[0, 0], [4, 0]], translation_shifts_px: [], loads_n: []}
 """
 FRESH = {"stale_after_s": 5.0, "lost_after_s": 30.0}
 """On a busy computer the simulator answers late."""
@@ -39,26 +39,38 @@ def semlive(*arguments: object) -> str:
     return done.stdout
 
 
-@pytest.mark.timeout(600)
-def test_the_recommended_protocol_is_executed_and_its_log_is_qualified(tmp_path: Path) -> None:
+@pytest.mark.timeout(900)
+def test_one_command_qualifies_an_instrument_and_the_protocol_that_it_recommends_is_executed(tmp_path: Path) -> None:
     scenario, lab, protocol, further = (tmp_path / name for name in ("small.yaml", "lab.yaml", "calibrate.yaml", "next.yaml"))
     scenario.write_text(SCENARIO, encoding="utf-8")
-    semlive("simulate", scenario, "--out", tmp_path / "frames")
-    log = tmp_path / "log" / "demo-calibrate"
+    first, log = (tmp_path / "log" / name for name in ("demo-qualify", "demo-calibrate"))
     with running_simulator(str(scenario), tmp_path / "bench", RATE, triggered=True) as bench:
         config = daemon_config(bench, RATE)
         config["stage"]["settings"]["timeout_s"] = 4.0
+        config["sem"]["profile"]["frame_time_s"] = FRAME_S
         config["limits"].update(FRESH)
+        config["dic"] = {"subset_px": 25, "step_px": 8, "roi_px": None}
         lab.write_text(yaml.safe_dump(json.loads(json.dumps(config))), encoding="utf-8")
-        frames = tmp_path / "frames" / "export"
-        recommended = json.loads(semlive("qualify", "--from", frames, "--quick", "--json", "--config", lab, "--protocol", protocol))
+        found: dict[str, Any] = json.loads(semlive("qualify", lab, "--run", "--quick", "--json"))
+        export = tmp_path / "bench" / "export"
+        recommended = json.loads(semlive("qualify", "--from", export, "--quick", "--json", "--config", lab, "--protocol", protocol))
         semlive("run", protocol, "--no-page", "--stop-on-fault")
+    pairs = logged(first, "/pair")
+    warm_up = [pair for pair in pairs if pair["step"]["warm_up"]]
+    assert len(pairs) == found["conditions"]["pairs"] == recommended["conditions"]["pairs"]
+    assert warm_up
+    assert {tuple(pair["step"]["shift_px"]) for pair in warm_up} == {(0.0, 0.0)}
+    requests = [item for item in logged(first, "/state") if item["before"] == "warming"]
+    assert [item["cause"] for item in requests][:-1] == ["measure_again"] * len(warm_up)
+    assert requests[-1]["cause"] in ("warm", "warm_up_ended")
+    limit_px_s = 0.02 / FRAME_S
+    assert requests[-1]["cause"] == "warm_up_ended" or requests[-1]["guards"]["change_px_s"] < limit_px_s
     shifts = recommended["protocol"]["shifts_px"]
     taken = [pair["step"]["shift_px"] for pair in logged(log, "/pair")]
     assert taken == shifts == [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0]]
     qualified: dict[str, Any] = json.loads(semlive("qualify", "--from", log, "--quick", "--json", "--protocol", further))
     figures = {item["name"]: item for item in qualified["figures"]}
     assert (qualified["conditions"]["pairs"], qualified["conditions"]["dated"]) == (len(taken), True)
-    assert qualified["conditions"]["frame_s"] == pytest.approx(40.0, rel=0.01)
+    assert qualified["conditions"]["frame_s"] == pytest.approx(FRAME_S, rel=0.01)
     assert figures["drift_rate"]["high"] < 0.02  # the warming column of the paper: 0.004 px/s
     assert load_config(further).stage == load_config(lab).stage

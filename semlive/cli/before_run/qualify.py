@@ -12,6 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from semlive.cli.before_run.qualifying_run import next_step, take_pairs
 from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.cli.shared.report_files import pdf_option, write_report_files
@@ -44,7 +45,9 @@ _MICRO = 1e6
 def qualify(
     instrument: Annotated[
         Path | None,
-        typer.Argument(help="Configuration of the instrument, or a log of it: write the run without load that qualifies it, and stop."),
+        typer.Argument(
+            help="Configuration of the instrument, or a log of it: write the run without load that qualifies it, or take it with --run."
+        ),
     ] = None,
     source: Annotated[
         list[Path] | None,
@@ -75,23 +78,36 @@ def qualify(
     follow: Annotated[
         bool, typer.Option("--follow", help="With --from LOG of a run in progress: evaluate each pair, and end as soon as none is needed.")
     ] = False,
+    run: Annotated[
+        bool,
+        typer.Option(
+            "--run",
+            help="With CONFIG, or a log: take the pairs now, end as soon as no figure needs a further pair, evaluate them, and go on with "
+            "the further steps that are needed.",
+        ),
+    ] = False,
     step: Annotated[
         StepName | None, typer.Option("--step", help="With CONFIG, or a log: write the run of a further step with another scan.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Show what strain a microscope can measure, what limits it, and the recommended protocol, from frames without load."""
-    _require_one_purpose(instrument, source, history, follow=follow, step=step)
+    _require_one_purpose(instrument, source, history, follow=follow, step=step, run=run)
     for path, option in ((out, "--out"), (report, "--report"), (protocol, "--protocol")):
         if path is not None:
             output_file(path, option)
     pdf = pdf_option(pdf)
-    if instrument is not None:
+    if instrument is not None and not run:
         return _write_plan(instrument, protocol, step)
     if history is not None:
         return _show_history(_qualifications(history), report, pdf, as_json)
-    assert source is not None  # checked above
+    source = list(source or ())
+    if instrument is not None:
+        source = [*([instrument] if step is not None and is_log(instrument) else []), take_pairs(instrument, step)]
     found, configuration = _evaluated(source, config, quick=quick, follow=follow)
+    while run and (chosen := next_step(found)) is not None:
+        source.append(take_pairs(source[0], chosen))
+        found, configuration = _evaluated(source, config, quick=quick, follow=False)
     for path, text in ((out, to_json(found)), (protocol, configuration)):
         if path is not None:
             write_text(path, text)
@@ -125,7 +141,7 @@ def _instrument(source: list[Path], config: Path | None) -> Path | None:
 
 
 def _require_one_purpose(
-    instrument: Path | None, source: list[Path] | None, history: list[Path] | None, *, follow: bool, step: StepName | None
+    instrument: Path | None, source: list[Path] | None, history: list[Path] | None, *, follow: bool, step: StepName | None, run: bool
 ) -> None:
     """Check that the arguments request one thing.
 
@@ -136,8 +152,9 @@ def _require_one_purpose(
         raise BadInput("give CONFIG of the instrument, --from FOLDER with frames or a log, or --history with earlier qualifications")
     if follow and (source is None or len(source) > 1):
         raise BadInput("--follow needs --from LOG, the log of a run in progress, and no other")
-    if step is not None and instrument is None:
-        raise BadInput("--step needs CONFIG, the configuration of the instrument or the log of the first run")
+    if instrument is None and (step is not None or run):
+        option = "--run" if step is None else "--step"
+        raise BadInput(f"{option} needs CONFIG, the configuration of the instrument or the log of the first run")
 
 
 def _write_plan(instrument: Path, protocol: Path | None, step: StepName | None) -> None:
@@ -147,11 +164,10 @@ def _write_plan(instrument: Path, protocol: Path | None, step: StepName | None) 
         typer.echo(plan.text, nl=False)
         return
     write_text(protocol, plan.text)
-    time = "" if plan.beam_s is None else f", about {plan.beam_s / 60.0:.0f} min of beam time"
-    echo(f"{protocol}: {plan.pairs} pairs{time}")
+    echo(f"{protocol}: {plan.duration_text()}")
     before = f"{plan.change}, " if plan.change else ""
     log = "--from its log" if step is None else "--from the first log --from its log"
-    echo(f"{before}semlive run {protocol}, then semlive qualify {log}")
+    echo(f"{before}semlive run {protocol} --until-qualified, then semlive qualify {log}")
 
 
 def _print_further(found: Qualification, instrument: Path | None, source: list[Path]) -> None:
@@ -171,12 +187,12 @@ def _print_further(found: Qualification, instrument: Path | None, source: list[P
     name = steps[0].step.name.value
     logs = " ".join(f"--from {path}" for path in source)
     echo(f"next: semlive qualify {instrument or 'CONFIG'} --step {name} --protocol {name}.yaml")
-    echo(f"      semlive run {name}.yaml, then semlive qualify {logs} --from its log")
+    echo(f"      semlive run {name}.yaml --until-qualified, then semlive qualify {logs} --from its log")
 
 
 def _print_progress(progress: Progress) -> None:
     """One line for each pair of a run in progress."""
-    left = f"about {max(progress.left_s / 60.0, 1.0):.0f} min left" if progress.needs else "every figure is known well enough: end the run"
+    left = f"about {max(progress.left_s / 60.0, 1.0):.0f} min left" if progress.needs else "every figure is known well enough"
     reasons = "".join(f"; {need.name.replace('_', ' ')}: {need.reason}" for need in progress.needs)
     echo(f"pair {progress.pairs} of {progress.planned}: {left}{reasons}", err=True)
 

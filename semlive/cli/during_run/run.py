@@ -7,6 +7,7 @@ import json
 import queue
 import sys
 import threading
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -14,6 +15,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from semlive.cli.during_run.qualification_process import QualificationProcess
 from semlive.cli.during_run.run_status import ProgressView
 from semlive.cli.shared.live_page import PORT, Host, Name, PageAddress, PageProcess, Port
 from semlive.engine import OperatorCommand
@@ -47,6 +49,9 @@ def run(
             help="Model of effects that are corrected in the maps, as `diagnose -o` writes it; with --resume that of the log is used."
         ),
     ] = None,
+    until_qualified: Annotated[
+        bool, typer.Option("--until-qualified", help="With a run that `qualify` wrote: end it as soon as no figure needs a further pair.")
+    ] = False,
     yes: Annotated[
         bool,
         typer.Option("--yes", help="With --resume: continue without confirmation if the devices are in the state that the log recorded."),
@@ -62,6 +67,8 @@ def run(
     single_arena_small_blocks()
     checked = _with_model(load_config(config), model, resume)
     refuse_unusual(checked, str(config))
+    if until_qualified and checked.protocol.loads_n:
+        raise BadConfig(f"{config}: --until-qualified is for a run without load, as `semlive qualify` writes it; leave it out, or loads_n")
     if yes and not resume:
         raise BadConfig("--yes confirms --resume; give both options, or leave --yes out")
     commands: queue.SimpleQueue[OperatorCommand | AcknowledgeAll] = queue.SimpleQueue()
@@ -77,8 +84,13 @@ def run(
     page_address = PageAddress(page_host, page_port, tuple(page_name or ()))
     with contextlib.ExitStack() as stack:
         with ProgressView(console) as view:
-            open_page = None if no_page else partial(_open_page, stack, view, checked.run.folder / checked.run.name, page_address)
-            outcome = run_experiment(checked, RunInterface(view.show, commands, attended, stop_on_fault, resume, yes, open_page))
+            log = checked.run.folder / checked.run.name
+            qualification = QualificationProcess(log, view.show_line)
+            stack.callback(qualification.close)
+            starts = [] if no_page else [partial(_open_page, stack, view, log, page_address)]
+            starts += [qualification.start] if until_qualified else []
+            on_open = partial(_start_all, starts) if starts else None
+            outcome = run_experiment(checked, RunInterface(view.show, commands, attended, stop_on_fault, resume, yes, on_open))
         for line in (outcome.text, f"log: {outcome.log}"):
             console.print(printable(line), markup=False)
         if stay and not no_page:
@@ -87,7 +99,7 @@ def run(
                 threading.Event().wait()
     if as_json:
         typer.echo(json.dumps({"complete": outcome.complete, "text": outcome.text, "log": str(outcome.log)}))
-    if not outcome.complete:
+    if not outcome.complete and not qualification.has_stopped_run:
         raise SemliveError(f"the run did not complete: {outcome.text}")
 
 
@@ -101,6 +113,11 @@ def _with_model(config: Config, model: Path | None, resume: bool) -> Config:
     from semlive.service.diagnosis.model_file import config_with_model  # noqa: PLC0415  (1.5 s of processor time)
 
     return config_with_model(config, model, resume)
+
+
+def _start_all(starts: Sequence[Callable[[SocketAddress], object]], address: SocketAddress) -> None:
+    for start in starts:
+        start(address)
 
 
 def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place: PageAddress, address: SocketAddress) -> None:

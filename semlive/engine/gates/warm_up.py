@@ -1,4 +1,4 @@
-"""Warm-up gate: the load is applied only after the forecast drift rate is below its maximum.
+"""Warm-up gate: the load is applied only after the forecast drift rate, or its change from pair to pair, is below its maximum.
 
 While the gate is closed, the run images further pairs at the stage position of the next step. Each pair updates the forecast, so the gate
 opens on a recent forecast. These pairs are logged and used in the estimate like all others.
@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from semlive.data.experiment import Phase, Plan, Step
+from semlive.data.experiment import Phase, Plan, Step, WarmUp
 from semlive.engine.context import StepContext
 from semlive.engine.gates.adaptive_hold import drift_rate
 from semlive.engine.motion import start_step
@@ -62,35 +62,81 @@ def start_extra_pair(context: StepContext) -> None:
 
 
 def evaluate(context: StepContext) -> None:
-    """In WARM_UP: continue if the forecast of the newest pair allows it; pause after the maximum time; else measure again."""
+    """In WARM_UP: continue if the forecast of the newest pair allows it; pause or continue after the maximum time; else measure again."""
     state = context.state
     rule, since_ns = state.plan.warm_up, state.gates.warming_since_ns
     assert rule is not None
     assert since_ns is not None
     forecast_available = state.analysis.drift_forecast is not None and state.analysis.drift_forecast.pair >= state.step_index - 1
     waited_s = state.seconds_since(since_ns)
-    rate, sigma = drift_rate(state.analysis.drift_forecast, state.time_ns + round(state.plan.hold.hold_s * 1e9))
-    guards = (("rate_px_s", rate), ("sigma_px_s", sigma), ("waited_s", waited_s)) if math.isfinite(rate) else ()
-    if forecast_available and rate + sigma <= rule.max_rate_px_s:
-        context.transition(Cause.WARMED_UP, *guards)
-        context.update(gates=replace(state.gates, warm_up_passed=True))
-        context.announce(f"warm: the drift is expected to be {_format_rate(rate, sigma)}")
-        start_step(context)
+    drift = _forecast_drift(state, rule)
+    guards = drift.guards(waited_s)
+    if forecast_available and drift.is_allowed(rule):
+        _open(context, Cause.WARMED_UP, f"warm: the drift is expected to be {drift.text}", *guards)
     elif waited_s >= rule.max_wait_s and (forecast_available or state.seconds_since(state.since_ns) >= _FORECAST_TIMEOUT_S):
-        drift_text = f"is expected to be {_format_rate(rate, sigma)}" if guards else "is not known"
-        reason = f"after {rule.max_wait_s / 60:.0f} min of warming up the drift {drift_text}; resume continues nevertheless, or stop"
-        context.stop_and_transition(Cause.WARM_UP_TIMEOUT, reason, *guards)
+        drift_text = f"is expected to be {drift.text}" if guards else "is not known"
+        reason = f"after {rule.max_wait_s / 60:.0f} min of warming up the drift {drift_text}"
+        if rule.continue_after_wait:
+            _open(context, Cause.WARM_UP_ENDED, f"{reason}; the run continues", *guards)
+        else:
+            context.stop_and_transition(Cause.WARM_UP_TIMEOUT, f"{reason}; resume continues nevertheless, or stop", *guards)
     elif forecast_available or state.step_index == 0:
         context.transition(Cause.MEASURE_AGAIN, *guards)
-        context.announce(
-            f"warming up: the drift is expected to be {_format_rate(rate, sigma)}, and {60 * rule.max_rate_px_s:.2g} is wanted"
-        )
+        context.announce(f"warming up: the drift is expected to be {drift.text}, and {_required(rule)} is wanted")
+        context.update(gates=replace(state.gates, previous_rate_px_s=(drift.rate_px_s, drift.sigma_px_s) if guards else None))
         start_extra_pair(context)
+
+
+def _open(context: StepContext, cause: Cause, message: str, *guards: tuple[str, float]) -> None:
+    """Pass the gate and begin the present step."""
+    context.transition(cause, *guards)
+    context.update(gates=replace(context.state.gates, warm_up_passed=True))
+    context.announce(message)
+    start_step(context)
+
+
+@dataclass(frozen=True, slots=True)
+class _Drift:
+    """Forecast drift rate of the next scan and its change since the last pair, each with its standard uncertainty; infinite if unknown."""
+
+    rate_px_s: float
+    sigma_px_s: float
+    change_px_s: float = math.inf
+    change_sigma_px_s: float = math.inf
+
+    @property
+    def text(self) -> str:
+        """Rate for messages."""
+        change = f", changed by {60 * self.change_px_s:.2g}" if math.isfinite(self.change_px_s) else ""
+        return f"{60 * self.rate_px_s:.2g} +- {60 * self.sigma_px_s:.2g} px/min{change}"
+
+    def is_allowed(self, rule: WarmUp) -> bool:
+        """Whether the drift is as slow, and as constant, as the rule requires."""
+        slow = rule.max_rate_px_s is None or self.rate_px_s + self.sigma_px_s <= rule.max_rate_px_s
+        return slow and (rule.max_change_px_s is None or self.change_px_s + self.change_sigma_px_s <= rule.max_change_px_s)
+
+    def guards(self, waited_s: float) -> tuple[tuple[str, float], ...]:
+        """Values for the log; none without a forecast."""
+        if not math.isfinite(self.rate_px_s):
+            return ()
+        change = (("change_px_s", self.change_px_s),) if math.isfinite(self.change_px_s) else ()
+        return (("rate_px_s", self.rate_px_s), ("sigma_px_s", self.sigma_px_s), *change, ("waited_s", waited_s))
+
+
+def _forecast_drift(state: EngineState, rule: WarmUp) -> _Drift:
+    rate, sigma = drift_rate(state.analysis.drift_forecast, state.time_ns + round(state.plan.hold.hold_s * 1e9))
+    if rule.max_change_px_s is None or state.gates.previous_rate_px_s is None or not math.isfinite(rate):
+        return _Drift(rate, sigma)
+    before, sigma_before = state.gates.previous_rate_px_s
+    return _Drift(rate, sigma, abs(rate - before), math.hypot(sigma, sigma_before))
+
+
+def _required(rule: WarmUp) -> str:
+    """Maxima of a rule, for messages."""
+    rate = [] if rule.max_rate_px_s is None else [f"{60 * rule.max_rate_px_s:.2g}"]
+    change = [] if rule.max_change_px_s is None else [f"a change from pair to pair of {60 * rule.max_change_px_s:.2g} px/min"]
+    return " and ".join((*rate, *change))
 
 
 _FORECAST_TIMEOUT_S = 60.0
 """Longest wait for the forecast of the newest pair, which takes 1-2 s."""
-
-
-def _format_rate(rate_px_s: float, sigma_px_s: float) -> str:
-    return f"{60 * rate_px_s:.2g} +- {60 * sigma_px_s:.2g} px/min"

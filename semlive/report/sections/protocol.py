@@ -87,13 +87,22 @@ def _conditions_text(protocol: Mapping[str, Any], data: RunData) -> str:
     ]  # fmt: skip
     warm_up, adaptive = protocol.get("warm_up"), protocol.get("adaptive_hold")
     if isinstance(warm_up, Mapping):
-        sentences.append(f"The load was applied only after the drift rate was below {warm_up.get('max_rate_px_s')} px/s.")
+        sentences.append(_warm_up_sentence(warm_up))
     if isinstance(adaptive, Mapping):
         sentences.append(f"Holds were extended up to {adaptive.get('max_hold_s')} s while drift or load changed too fast.")
     if data.facts.files:
         used = 2 * len(data.result.decisions)
         sentences.append(f"Of {data.facts.files} exported files {used} form the pairs.")
     return " ".join(sentences)
+
+
+def _warm_up_sentence(warm_up: Mapping[str, object]) -> str:
+    rate, change = warm_up.get("max_rate_px_s"), warm_up.get("max_change_px_s")
+    maxima = [] if rate is None else [f"the drift rate was below {rate} px/s"]
+    maxima += [] if change is None else [f"its change from pair to pair was below {change} px/s"]
+    follows = "The specimen was moved" if warm_up.get("before") == "calibration" else "The load was applied"
+    wait = f", or after {warm_up.get('max_wait_s')} s" if warm_up.get("after_wait") == "continue" else ""
+    return f"{follows} only after {' and '.join(maxima)}{wait}."
 
 
 def _diagram(data: RunData) -> FigureBlock:

@@ -50,7 +50,7 @@ def alert_of(payload: BaseModel, run: str) -> Alert | None:
         case StateMessage(cause=cause) if cause in _DECISIONS:
             return Alert(AlertEvent.QUESTION, f"{run}: decision needed", _DECISIONS[Cause(cause)])
         case StateMessage(cause=Cause.WARMED_UP):
-            return Alert(AlertEvent.WARM_UP, f"{run}: warm-up complete", "the drift is slow enough; the first load follows")
+            return Alert(AlertEvent.WARM_UP, f"{run}: warm-up complete", "the drift is slow enough; the next step follows")
         case StateMessage(after=after) if after in FINAL_STATES:
             text = "all steps are done" if after == State.COMPLETE else "the run ended before its last step"
             return Alert(AlertEvent.END, f"{run}: {after}", f"{text}; load and position are held")

@@ -121,7 +121,9 @@ class Config(Section):
 
 
 def _warm_up_rule(gate: WarmUpSection | None) -> WarmUp | None:
-    return None if gate is None else WarmUp(gate.max_rate_px_s, gate.max_wait_s, Phase(gate.before))
+    if gate is None:
+        return None
+    return WarmUp(gate.max_rate_px_s, gate.max_wait_s, Phase(gate.before), gate.max_change_px_s, gate.after_wait == "continue")
 
 
 # Limits without a load frame: no load, and 1 mm of stage travel.

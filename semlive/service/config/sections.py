@@ -125,14 +125,26 @@ class AlertsSection(Section):
 
 
 class WarmUpSection(Section):
-    """Warm-up gate: maximum drift rate before the first load."""
+    """Warm-up gate: maximum drift rate, or maximum change of it, before the first load."""
 
-    max_rate_px_s: float = Field(gt=0)
+    max_rate_px_s: float | None = Field(default=None, gt=0)
     """Maximum of forecast drift rate plus standard uncertainty, px/s; until then, additional pairs are taken."""
+    max_change_px_s: float | None = Field(default=None, gt=0)
+    """Maximum change of the forecast drift rate from pair to pair plus standard uncertainty, px/s: the drift has settled. Needed if there is no `max_rate_px_s`."""  # noqa: E501
     max_wait_s: float = Field(default=1800.0, gt=0)
     """Waiting time after which the operator decides, s."""
+    after_wait: Literal["ask", "continue"] = "ask"
+    """After `max_wait_s`: the operator decides, or the run continues (only with `before: calibration`)."""
     before: Literal["calibration", "tension"] = "tension"
     """Phase that the gate precedes; `calibration`: the gate is after the first pair."""
+
+    @model_validator(mode="after")
+    def _has_maximum(self) -> WarmUpSection:
+        if self.max_rate_px_s is None and self.max_change_px_s is None:
+            raise PydanticCustomError("no_rate", "warm_up needs max_rate_px_s or max_change_px_s")
+        if self.after_wait == "continue" and self.before == "tension":
+            raise PydanticCustomError("no_decision", "after_wait: continue needs before: calibration; the operator decides about a load")
+        return self
 
 
 class AdaptiveHoldSection(Section):

@@ -16,6 +16,8 @@ from semlive.service.qualification.log_pairs import is_log
 
 Sections = dict[str, dict[str, object]]
 
+MAX_RUNS = 1000
+"""Runs of one name and purpose in a folder; a further one is refused by the run, because its log exists."""
 _LOADED = ("load_frame", "model")
 """Sections that a run without load omits. The limits remain: they bound the travel of the stage and the age of its readings."""
 _UNCHANGED = ("hold_s", "settle_s", "stage_tolerance_um", "motion_timeout_s", "frame_timeout_s", "recentre_beyond_px")
@@ -49,13 +51,20 @@ def instrument_of(path: Path, purpose: str) -> Instrument:
     config, given = _logged(path) if is_log(path) else _written(path)
     sections: Sections = {key: dict(value) for key, value in given.items() if key not in _LOADED and isinstance(value, dict)}
     sections["sem"]["folder"] = str(config.sem.folder)
-    sections["run"] = {**sections.get("run", {}), "name": f"{config.run.name}-{purpose}", "folder": str(config.run.folder)}
+    name = _unused(config.run.folder, f"{config.run.name}-{purpose}")
+    sections["run"] = {**sections.get("run", {}), "name": name, "folder": str(config.run.folder)}
     if config.run.clock_file is not None:
         sections["run"]["clock_file"] = str(config.run.clock_file)
     if config.alerts is not None:
         sections["alerts"]["file"] = str(config.alerts.file)
     sections["protocol"] = {key: value for key, value in sections["protocol"].items() if key in _UNCHANGED}
     return Instrument(config, sections, tuple(config.confirmed_unusual))
+
+
+def _unused(folder: Path, name: str) -> str:
+    """A name of a run without a log in the folder: an instrument is qualified again and again, and a step may be repeated."""
+    names = (name, *(f"{name}-{number}" for number in range(2, MAX_RUNS)))
+    return next((one for one in names if not (folder / one).exists()), name)
 
 
 def operator_stage(um_per_px: float) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""The runs that qualify a microscope without a load frame: pairs in place and a cross of shifts, then steps with another scan."""
+"""The runs that qualify a microscope without a load frame: pairs in place until the drift has settled, a cross, then further steps."""
 
 from __future__ import annotations
 
@@ -22,6 +22,10 @@ USUAL_SHIFT_PX = 24.0
 """Largest shift without calibration shifts in the configuration: 3 % of a frame of 884 rows, rounded to the cross of the paper."""
 MAX_BEAM_S = 1800.0
 """Beam time of the first run that the number of its pairs is chosen for, s."""
+SETTLED_PX = 0.02
+"""Change of the drift in a frame from pair to pair below which it has settled, px: the decaying part is then about 0.1 px in a frame, as at
+the end of the stated waiting time, if it decays within five pairs.
+"""
 SHORTEST = (*CROSS, (0, 0))
 """Shifts of the shortest run, in halves of the largest. It does not determine the backlash of the stage."""
 _SCAN_TIMES = ("row_time_s", "dwell_time_s", "frame_time_s")
@@ -34,22 +38,31 @@ class WrittenPlan:
     Attributes:
         text: configuration, YAML.
         pairs: number of its pairs.
-        beam_s: expected beam time, s; None if the duration of a frame is not known before the first one.
+        beam_s: expected beam time of these pairs, s; None if the duration of a frame is not known before the first one.
+        warm_up_s: longest time of additional pairs in place until the drift has settled, s; 0 without.
         change: what is set at the microscope before the run, an imperative; empty if nothing is.
     """
 
     text: str
     pairs: int
     beam_s: float | None
+    warm_up_s: float
     change: str
+
+    def duration_text(self) -> str:
+        """Pairs and beam time for the operator."""
+        time = "" if self.beam_s is None else f", about {self.beam_s / 60.0:.0f} min of beam time"
+        warm_up = f", and further pairs for up to {self.warm_up_s / 60.0:.0f} min until the drift has settled" if self.warm_up_s else ""
+        return f"{self.pairs} pairs{time}{warm_up}"
 
 
 def plan_of(path: Path, name: StepName | None = None) -> WrittenPlan:
     """The qualifying run for an instrument.
 
     Devices, export folder and correlation are those of the instrument's configuration. The shifts are as large as those of the
-    configuration's own calibration. Without a stage in the configuration an operator moves the specimen. The first run has pairs in place,
-    which show the decay of the drift, and a cross of shifts; fewer pairs, if frames are so slow that it would take more than half an hour.
+    configuration's own calibration. Without a stage in the configuration an operator moves the specimen. The first run has pairs in place
+    until the drift has settled, and a cross of shifts; fewer pairs, if frames are so slow that it would take more than half an hour. If the
+    duration of a frame is not known, a fixed number of pairs in place shows the decay of the drift.
 
     Args:
         path: configuration of the instrument, or the log of its first run.
@@ -66,13 +79,33 @@ def plan_of(path: Path, name: StepName | None = None) -> WrittenPlan:
     sections = sections if step is None else _changed(sections, step)
     shifts: Sequence[tuple[int, int]] = ()
     beam_s: float | None = None
-    for shifts in _first_runs() if step is None else [step.shifts]:  # the first that is short enough, else the last
+    for shifts in _first_runs(scan_s) if step is None else [step.shifts]:  # the first that is short enough, else the last
         sections["protocol"] = {**sections["protocol"], "calibration_shifts_px": [[half_px * x, half_px * y] for x, y in shifts]}
         beam_s = None if scan_s is None else _beam_s(parse_config(sections, str(path)), scan_s)
         if beam_s is None or beam_s <= MAX_BEAM_S:
             break
+    warm_up_s = 0.0
+    if step is None and beam_s is not None and scan_s is not None and MAX_BEAM_S - beam_s > beam_s / len(shifts):
+        warm_up_s = MAX_BEAM_S - beam_s
+        sections = _warming_up(sections, scan_s, warm_up_s)
     text = run_text(_head(step), sections, instrument.confirmed, str(path))
-    return WrittenPlan(text, len(shifts), beam_s, "" if step is None else step.change)
+    return WrittenPlan(text, len(shifts), beam_s, warm_up_s, "" if step is None else step.change)
+
+
+def _warming_up(sections: Sections, scan_s: float, longest_s: float) -> Sections:
+    """Sections with additional pairs after the first one until the drift has settled. Only the joint estimate forecasts the drift."""
+    rule = {
+        "max_change_px_s": _rounded(SETTLED_PX / scan_s),
+        "max_wait_s": round(longest_s),
+        "after_wait": "continue",
+        "before": "calibration",
+    }
+    protocol, estimate = {**sections["protocol"], "warm_up": rule}, {**sections.get("estimate", {}), "method": "joint"}
+    return {**sections, "protocol": protocol, "estimate": estimate}
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.3g}")
 
 
 def _head(step: FurtherStep | None) -> str:
@@ -81,10 +114,14 @@ def _head(step: FurtherStep | None) -> str:
     return f"# Before this run: {step.change}. Evaluate it with that of the first run:\n# `semlive qualify --from LOG --from THIS_LOG`.\n"
 
 
-def _first_runs() -> list[Sequence[tuple[int, int]]]:
-    """Shifts of the first run in halves of the largest, with all pairs first, then with fewer."""
-    rests = [(0, 0)] * MIN_PAIRS_DECAY
-    return [*((*rests[:count], *STEPS) for count in range(MIN_PAIRS_DECAY, -1, -1)), (*CROSS, (1, 0), (0, 1), (0, 0)), SHORTEST]
+def _first_runs(scan_s: float | None) -> list[Sequence[tuple[int, int]]]:
+    """Shifts of the first run in halves of the largest, with all pairs first, then with fewer.
+
+    The pair in place before the cross is the one that the warm-up pairs are compared with.
+    """
+    if scan_s is None:
+        return [(*((0, 0),) * MIN_PAIRS_DECAY, *STEPS)]
+    return [((0, 0), *STEPS), STEPS, (*CROSS, (1, 0), (0, 1), (0, 0)), SHORTEST]
 
 
 def _changed(sections: Sections, step: FurtherStep) -> Sections:

@@ -56,7 +56,7 @@ class Progress:
 
     Attributes:
         pairs: number of pairs so far.
-        planned: number of planned pairs.
+        planned: number of planned pairs, with the additional ones of the warm-up so far.
         needs: figures that are not known well enough.
         left_s: time until they are, or until the last planned pair, s.
     """
@@ -190,6 +190,7 @@ def _progress(found: Qualification, measured: Sequence[PairMeasurement], planned
     begins_ns = [pair.decision.first.start_time_ns.value for pair in measured]
     last = measured[-1].decision
     pair_ns = (begins_ns[-1] - begins_ns[0]) / (len(begins_ns) - 1) if len(begins_ns) > 1 else last.second.end_time_ns - begins_ns[0]
+    planned += sum(pair.decision.step.warm_up for pair in measured)
     return Progress(len(measured), planned, found_needs, 1e-9 * pair_ns * remaining_pairs(found_needs, max(planned - len(measured), 0)))
 
 

@@ -58,7 +58,7 @@ function next({ run, protocol, schedule, desk }) {
     case "imaging": return numbered(at + 1) || "the end of the run";
     case "step_done": return numbered(Math.max(at, schedule.done)) || "the end of the run";
     case "judging": return "the first load, if the calibration is good enough";
-    case "warming": return "the first load, when the drift is slow enough";
+    case "warming": return `${numbered(at)}, when the drift is slow enough`;
     case "paused": case "fault": case "estopped": case "recover": return `your decision: Resume repeats ${numbered(at) || "the step"}`;
     case "stopping": return "the end, when nothing moves";
     case "complete": return "nothing";

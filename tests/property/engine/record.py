@@ -102,6 +102,7 @@ class Record:
             assert rule is None or held_s <= rule.max_hold_s + 1.0
         if transition.cause is Cause.WARMED_UP and gate is not None:
             guards = dict(transition.details)
+            assert gate.max_rate_px_s is not None
             assert float(guards["rate_px_s"]) + float(guards["sigma_px_s"]) <= gate.max_rate_px_s
             self.warm = True
         if transition.before is State.PAUSED and transition.cause is Cause.RESUME:

@@ -39,6 +39,7 @@ def test_only_ramping_continues_on_a_command_of_operator_or_protocol() -> None:
         (State.CALIBRATION_GATE, Cause.CALIBRATION_ACCEPTED),
         (State.WARM_UP, Cause.MEASURE_AGAIN),
         (State.WARM_UP, Cause.WARMED_UP),
+        (State.WARM_UP, Cause.WARM_UP_ENDED),
         (State.PAUSED, Cause.RESUME),
         (State.RESUMING, Cause.RESUME),
     }

@@ -94,6 +94,48 @@ def test_the_gate_may_be_before_the_calibration() -> None:
     assert run.state.state is State.COMPLETE
 
 
+def settling(*stops: tuple[tuple[float, float], float | None], max_wait_s: float = 1800.0) -> Run:
+    """A run that waits after its first pair until the drift rate changes by less than 0.01 px/s from pair to pair."""
+    rule = WarmUp(None, max_wait_s, Phase.CALIBRATION, LIMIT, continue_after_wait=True)
+    run = Run(replace(plan_of(*stops), warm_up=rule))
+    run.begin()
+    return run
+
+
+def test_the_gate_opens_when_the_drift_rate_has_settled_however_fast_it_is() -> None:
+    run = settling((HERE, None), ((6.0, 0.0), None))
+    for rate, sigma in ((0.50, 0.001), (0.40, 0.001), (0.395, 0.006), (0.394, 0.001)):
+        pair(run, rate, sigma)
+    assert [item.decision.step.warm_up for item in run.accepted] == [False, True, True, True]
+    (opened,) = [item for item in run.of(Transition) if item.cause is Cause.WARMED_UP]
+    assert dict(opened.details)["change_px_s"] == pytest.approx(0.001)
+    pair(run, 0.39)
+    assert run.state.state is State.COMPLETE
+
+
+def test_without_a_decision_the_run_continues_after_the_longest_wait() -> None:
+    run = settling((HERE, None), ((6.0, 0.0), None), max_wait_s=300.0)
+    rate = 1.0
+    while run.state.state is not State.COMPLETE and len(run.accepted) < 20:
+        pair(run, rate)
+        rate -= 0.02
+    assert Cause.WARM_UP_ENDED in [item.cause for item in run.of(Transition)]
+    assert 3 <= len(run.accepted) < 20
+    assert not run.accepted[-1].decision.step.warm_up
+
+
+def test_without_a_forecast_the_run_continues_too() -> None:
+    run = settling((HERE, None), ((6.0, 0.0), None), max_wait_s=300.0)
+    run.reach(State.IMAGING)
+    run.scan()
+    run.scan()
+    assert run.state.state is State.WARM_UP
+    run.wait(400.0)
+    pair(run, 0.1)
+    assert [item.decision.step.warm_up for item in run.accepted] == [False, False]
+    assert run.state.state is State.COMPLETE
+
+
 def test_after_its_longest_wait_the_gate_prompts_and_the_operator_opens_it() -> None:
     run = Run(gated((HERE, None), (HERE, 100.0)))
     run.begin()

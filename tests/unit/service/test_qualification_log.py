@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import queue
 from collections.abc import Container, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +13,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from semlive.cli.during_run.qualification_process import QualificationProcess
 from semlive.data.experiment import Phase, Step
 from semlive.data.frame import ExportedFile
 from semlive.data.pair import Pair, PairDecision
+from semlive.engine import OperatorCommand
 from semlive.errors import BadInput
 from semlive.formats import read_info
 from semlive.formats.log import conversions as values
@@ -21,6 +25,7 @@ from semlive.formats.log.messages import SEM_ORIGINAL, FileMessage, RunMessage
 from semlive.formats.log.writer import LogWriter
 from semlive.qualify.protocol import STEPS as CROSS
 from semlive.service.config.configuration import load_config, parse_config
+from semlive.service.control.socket import ControlSocket, SocketAddress
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.settings import settings_of
 from semlive.service.qualification.log_pairs import is_log, unloaded_count, unloaded_pairs
@@ -29,6 +34,8 @@ from semlive.service.qualification.run import Progress, QualifyRequest, qualify_
 from semlive_simulators.exporters.image_metadata import ImageMetadata
 from semlive_simulators.exporters.settings import Export, Vendor, WriteStyle
 from semlive_simulators.scenario import load_scenario
+
+from ...waiting import PATIENCE_S
 
 S, BEGIN_NS = 10**9, 1_772_439_825 * 10**9
 SCENARIO = load_scenario("rehearsal_short").scan
@@ -124,11 +131,50 @@ def test_the_instrument_of_a_log_takes_the_next_protocol(tmp_path: Path) -> None
     assert max(x for x, _ in config.protocol.calibration_shifts_px) == 12.0
 
 
-def test_a_growing_log_is_followed_until_no_figure_needs_further_pairs(tmp_path: Path) -> None:
+def _write_two_crosses(path: Path) -> list[tuple[float, float]]:
+    """A log with twice the pairs that a qualification needs; returns their shifts."""
     shifts = [(6.0 * x, 6.0 * y) for x, y in (*CROSS, *CROSS)]
     config = {**CONFIG, "protocol": {"calibration_shifts_px": [list(shift) for shift in shifts]}}
     steps = [Step(number, Phase.CALIBRATION, (1.25 * x, 1.25 * y), (x, y), None) for number, (x, y) in enumerate(shifts)]
-    _write(tmp_path / "a.mcap", range(len(steps)), config, steps)
+    _write(path, range(len(steps)), config, steps)
+    return shifts
+
+
+def test_a_run_is_stopped_as_soon_as_no_figure_needs_further_pairs(tmp_path: Path) -> None:
+    pairs, lines = len(_write_two_crosses(tmp_path / "a.mcap")), list[str]()
+    commands: queue.SimpleQueue[tuple[OperatorCommand, str]] = queue.SimpleQueue()
+
+    async def served() -> tuple[OperatorCommand, str]:
+        control = ControlSocket(lambda command, origin: commands.put((command, origin)), lambda *_: True, lambda *_: True)
+        process = QualificationProcess(tmp_path, lines.append)
+        process.start(await control.open())
+        try:
+            return await asyncio.to_thread(commands.get, timeout=PATIENCE_S)
+        finally:
+            process.close()
+            control.close()
+
+    assert asyncio.run(served()) == (OperatorCommand.STOP, "semlive qualify")
+    evaluated = [line for line in lines if line.startswith("pair ")]
+    assert 5 <= len(evaluated) < pairs
+    assert evaluated[-1] == f"pair {len(evaluated)} of {pairs}: every figure is known well enough"
+
+
+def test_a_run_whose_pairs_cannot_be_evaluated_is_not_stopped(tmp_path: Path) -> None:
+    _write(tmp_path / "a.mcap", imaged=())
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    process = QualificationProcess(tmp_path, lines.put)
+    process.start(SocketAddress("127.0.0.1", 9, "no run"))
+    try:
+        while "cannot be read" not in lines.get(timeout=PATIENCE_S):
+            pass
+    finally:
+        process.close()
+    assert not process.has_stopped_run
+
+
+def test_a_growing_log_is_followed_until_no_figure_needs_further_pairs(tmp_path: Path) -> None:
+    shifts = _write_two_crosses(tmp_path / "a.mcap")
     reported: list[Progress] = []
     found = qualify_source(QualifyRequest(tmp_path, search_effects=False, follow=True), report=reported.append)
     assert [item.pairs for item in reported] == list(range(1, found.conditions.pairs + 1))
