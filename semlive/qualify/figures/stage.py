@@ -143,7 +143,7 @@ def _axes(commands: Array, shifts: Array) -> tuple[_Axis, _Axis]:
     contained 83 % of 1500 simulated ones, and those of the scale 57 %. Each run of them has an offset of its own.
 
     The directions of the axes are known no better than the positions, so a move along one axis is also seen along the other. Without this
-    share, to which the runs at rest contribute, the intervals contained 93.5 % of 10,000 simulated scales and backlashes; with it, 94.6 %.
+    share, to which the runs at rest contribute, the intervals contained 93.7 % of 23,208 simulated scales and backlashes; with it, 94.9 %.
     """
     turned = np.linalg.lstsq(commands - commands.mean(axis=0), shifts - shifts.mean(axis=0), rcond=None)[0]
     scales = np.linalg.norm(turned, axis=1)
