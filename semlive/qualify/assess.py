@@ -100,9 +100,9 @@ def _conditions(evidence: Evidence, source: str, not_paired: Sequence[str]) -> C
 def _pattern(evidence: Evidence) -> Iterator[Figure]:
     quality = evidence.quality
     along_x = quality.speckle_x_px <= quality.speckle_y_px
+    yield Figure("image_noise", "noise of a pixel", *evidence.pixel_noise, "grey levels", Trend.LARGER, PATTERN)
     for name, title, value_of, unit, worse in (
         ("contrast", "contrast of the pattern", lambda part: part.contrast_grey, "grey levels", Trend.SMALLER),
-        ("image_noise", "noise of a pixel", lambda part: part.noise_grey, "grey levels", Trend.LARGER),
         ("saturated", "saturated pixels", lambda part: 100.0 * part.saturated_fraction, "%", Trend.LARGER),
         ("speckle", "speckle size", lambda part: part.speckle_x_px if along_x else part.speckle_y_px, "px", Trend.NONE),
     ):

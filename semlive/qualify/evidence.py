@@ -21,7 +21,9 @@ from semlive.diagnose.rows.verdict import diagnose_rows
 from semlive.errors import BadInput, IllPosed
 from semlive.estimate import EstimatorState, Solution
 from semlive.pipeline import AnalysisState
+from semlive.qualify.figures.intervals import Interval
 from semlive.qualify.figures.noise import SUBSETS_PX
+from semlive.qualify.figures.pixel_noise import pixel_noise
 
 MAX_NOISE_PAIRS = 12
 """Pairs correlated with each subset size: the scatter of 12 maps of 500 points is determined to 2 %."""
@@ -60,6 +62,7 @@ class Evidence:
         settings: of the analysis.
         quality: pattern of the first frame.
         parts: pattern of equal parts of the first frame; empty if they are too small.
+        pixel_noise: noise of a pixel of the first frame with its 95 % interval, grey levels.
         choice: recommended correlation for it.
         pairs: measurements of the pairs.
         solution: joint estimate of all pairs.
@@ -73,6 +76,7 @@ class Evidence:
     settings: AnalysisSettings
     quality: PatternQuality
     parts: tuple[PatternQuality, ...]
+    pixel_noise: Interval
     choice: dic.CorrelationChoice
     pairs: tuple[PairMeasurement, ...]
     solution: Solution
@@ -156,7 +160,8 @@ def conclude(
     effects, no_effects = _effects(state) if search_effects else ((), "the search was not requested")
     pattern = dic.quality(first.image, state.grid, state.settings.dic)
     parts = _parts(first, replace(state.settings.dic, step_px=state.settings.dic.subset_px))
-    return Evidence(state.settings, pattern, parts, choice, tuple(pairs), solution, estimate, rows, no_rows, effects, no_effects)
+    noise = pixel_noise(first.image)
+    return Evidence(state.settings, pattern, parts, noise, choice, tuple(pairs), solution, estimate, rows, no_rows, effects, no_effects)
 
 
 def _parts(first: Frame, settings: DicSettings) -> tuple[PatternQuality, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from qualify_raster import ROW_EFFECTS, Array, Raster, effect_of, false_strain_p
 from qualify_still import Still, Truth, displacement_noise, gauge_step_px, strain_noise
 from scipy import ndimage
 
+from semlive.qualify.figures.pixel_noise import ORDER_X, ORDER_Y
 from semlive.qualify.values import Qualification
 from semlive_simulators.effects.composition import EffectSet
 from semlive_simulators.effects.scan_deflection import MainsHum, RowJitter, Vibration
@@ -25,8 +27,8 @@ SHIFT_PX, DECAYED_PX = 5.0, 0.1
 SEQUENCES = 400
 """Sequences of moves of a stage of which the error of a move is the root mean square."""
 FIELDS, FIELD_PX = 5, 1000.0
-DIFFERENCE, NORMAL_MEDIAN = np.array([1.0, 16.0, 36.0, 16.0, 1.0]) / 70.0, 0.67449
-"""Squared weights of a fourth difference, from which noise is measured, and median of the absolute value of a standard normal variable."""
+NORMAL_MEDIAN = 0.67449
+"""Median of the absolute value of a standard normal variable."""
 
 Truths = Mapping[str, Truth]
 Strains = Mapping[str, float]
@@ -75,9 +77,15 @@ def _pattern(scenario: Scenario) -> dict[str, float]:
     noises = []
     for one in grey:
         variance = scenario.detector.read_noise**2 + scenario.detector.shot_noise * one + 1.0 / 12.0
-        local = ndimage.correlate1d(ndimage.correlate1d(variance, DIFFERENCE, axis=0), DIFFERENCE, axis=1)
+        local = ndimage.correlate1d(ndimage.correlate1d(variance, squared_weights(ORDER_Y), axis=0), squared_weights(ORDER_X), axis=1)
         noises.append(np.median(np.abs(np.sqrt(local) * rng.standard_normal(local.shape))) / NORMAL_MEDIAN)
     return {"contrast": float(np.sqrt(np.mean([one.var() for one in grey]))), "image_noise": float(np.mean(noises))}
+
+
+def squared_weights(order: int) -> Array:
+    """Squared weights of the difference of an order, from which noise is measured, by pixel."""
+    weights = np.array([math.comb(order, at) ** 2 for at in range(order + 1)], dtype=np.float64)
+    return weights / weights.sum()
 
 
 def _drift(raster: Raster, shots: Sequence[ScannedFrame]) -> dict[str, float]:

@@ -102,36 +102,73 @@ class _Axis:
     separated: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Design:
+    """Linear model of the positions along one axis.
+
+    Attributes:
+        columns: (n, k) command and side of the moves, their offset, the command along the other axis, and the offset of each run at rest.
+        used: (positions,) True at the n positions of the model.
+        moved: (n,) True after a commanded move along the axis.
+        reversal_px: shortest move after a reversal.
+    """
+
+    columns: Array
+    used: NDArray[np.bool_]
+    moved: NDArray[np.bool_]
+    reversal_px: float
+
+
+def _design(commands: Array, axis: int) -> _Design | None:
+    """Model of one axis; None if the positions do not separate scale and backlash."""
+    steps = np.diff(commands[:, axis], prepend=commands[:1, axis])
+    side, moved = np.sign(steps), steps != 0.0
+    if min(np.count_nonzero(side == sign) for sign in (-1.0, 1.0)) < 2:
+        return None
+    runs = np.where(moved, -1, np.cumsum(moved))
+    offsets = [runs == run for run in np.unique(runs[~moved]) if np.count_nonzero(runs == run) > 1]
+    used = np.logical_or.reduce([moved, *offsets])
+    columns = np.column_stack((commands[:, axis] * moved, -0.5 * side, moved, commands[:, 1 - axis], *offsets))[used].astype(np.float64)
+    if len(columns) <= columns.shape[1] or np.linalg.cond(columns) > 1e6:
+        return None
+    turns, lengths = np.diff(side[moved]) != 0.0, np.abs(steps[moved][1:])
+    return _Design(columns, used, moved[used], float(lengths[turns].min()))
+
+
 def _axes(commands: Array, shifts: Array) -> tuple[_Axis, _Axis]:
     """Laws of both axes, with one scatter of the positions.
 
-    Positions without a commanded move along the axis are left out: the errors of such moves are shorter than the backlash, so the table
-    follows those in one direction only, and the side before the first move is not known. With them the intervals of the backlash
-    contained 83 % of 1500 simulated ones, and those of the scale 57 %.
+    Positions without a commanded move along the axis do not follow its law: the errors of such moves are shorter than the backlash, so the
+    table follows those in one direction only, and the side before the first move is not known. With them the intervals of the backlash
+    contained 83 % of 1500 simulated ones, and those of the scale 57 %. Each run of them has an offset of its own.
+
+    The directions of the axes are known no better than the positions, so a move along one axis is also seen along the other. Without this
+    share, to which the runs at rest contribute, the intervals contained 93.7 % of 23,208 simulated scales and backlashes; with it, 94.9 %.
     """
     turned = np.linalg.lstsq(commands - commands.mean(axis=0), shifts - shifts.mean(axis=0), rcond=None)[0]
     scales = np.linalg.norm(turned, axis=1)
     along = shifts @ np.linalg.inv(turned) * scales  # px in the image along each axis of the stage
-    fits = []
-    for axis in (0, 1):
-        command, steps = commands[:, axis], np.diff(commands[:, axis], prepend=commands[:1, axis])
-        moved = steps != 0.0
-        side = np.sign(steps[moved])
-        columns = np.column_stack((command[moved], -0.5 * side, np.ones(len(side))))
-        if min(np.count_nonzero(side == sign) for sign in (-1.0, 1.0)) < 2 or np.linalg.cond(columns) > 1e6:
-            return _Axis(), _Axis()
-        solved = np.linalg.lstsq(columns, along[moved, axis], rcond=None)[0]
-        reversal_px = float(np.abs(steps[moved][1:])[side[1:] != side[:-1]].min())
-        fits.append((solved, columns, along[moved, axis] - columns @ solved, reversal_px))
-    freedom = sum(len(rest) - columns.shape[1] for _, columns, rest, _ in fits)
-    if freedom < 1:
+    designs = [design for axis in (0, 1) if (design := _design(commands, axis)) is not None]
+    if len(designs) < 2:
         return _Axis(), _Axis()
-    sigma = float(np.sqrt(sum(rest @ rest for _, _, rest, _ in fits) / freedom))
-    factor, found = float(stats.t.ppf(TAILS[1], freedom)) * sigma, []
-    for solved, columns, _, reversal_px in fits:
-        half = factor * np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
-        found.append(_Axis(float(solved[0]), float(half[0]), float(solved[1]), float(half[1]), reversal_px, separated=True))
-    return found[0], found[1]
+    squares, freedom, solved = 0.0, 0.0, list[tuple[Array, Array]]()
+    for design, positions in zip(designs, along.T, strict=True):
+        inverse = np.linalg.inv(design.columns.T @ design.columns)
+        values = inverse @ design.columns.T @ positions[design.used]
+        rest = positions[design.used] - design.columns @ values
+        fitted = np.einsum("nk,kl,nl->n", design.columns, inverse, design.columns)
+        # A run at rest scatters less than moves do.
+        squares += float(np.sum(rest[design.moved] ** 2))
+        freedom += float(np.sum(1.0 - fitted[design.moved]))
+        solved.append((values, np.sqrt(np.diag(inverse))))
+    if freedom < 1.0:
+        return _Axis(), _Axis()
+    factor = float(stats.t.ppf(TAILS[1], freedom)) * np.sqrt(squares / freedom)
+    first, second = (
+        _Axis(float(values[0]), factor * float(unit[0]), float(values[1]), factor * float(unit[1]), design.reversal_px, separated=True)
+        for design, (values, unit) in zip(designs, solved, strict=True)
+    )
+    return first, second
 
 
 def _backlash(axes: tuple[_Axis, _Axis]) -> list[Result]:

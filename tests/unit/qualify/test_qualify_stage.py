@@ -68,3 +68,23 @@ def test_a_yaw_below_its_noise_is_not_excluded() -> None:
     assert isinstance(yaw, Figure)
     assert (yaw.low, yaw.value) == (0.0, 0.0)
     assert yaw.high > 0.01
+
+
+def test_moves_along_both_axes_at_once_do_not_narrow_the_intervals() -> None:
+    commands = 12.0 * np.array([(0.0, 0.0), (1.0, 1.0), (-1.0, -0.8), (0.8, 1.0), (-0.6, -1.0), (1.0, 0.6), (-1.0, -1.0), (0.0, 0.0)])
+    true = {"stage_scale_x": float(np.hypot(1.01, 0.01)), "stage_scale_y": float(np.hypot(0.98, 0.01))}
+    true |= {"stage_backlash_x": 2.0 * true["stage_scale_x"], "stage_backlash_y": 2.0 * true["stage_scale_y"]}
+    inside, rng = dict.fromkeys(true, 0), np.random.default_rng(3)
+    for _ in range(RUNS):
+        motors = commands + 0.3 * rng.standard_normal(commands.shape)
+        table, motions = np.zeros(2), list[PairMotion]()
+        for motor in motors:
+            table = np.clip(table, motor - 1.0, motor + 1.0)
+            shift = np.array([[1.01, -0.01], [0.01, 0.98]]) @ table
+            motions.append(PairMotion(len(motions), shift, np.full(2, 1e-3), np.zeros((2, 2)), np.zeros((2, 2))))
+        found = {item.name: item for item in stage_results([tuple(command) for command in commands], motions)}
+        for name, value in true.items():
+            figure = found[name]
+            assert isinstance(figure, Figure)
+            inside[name] += figure.low <= value <= figure.high
+    assert all(abs(count / RUNS - 0.95) <= BINOMIAL for count in inside.values()), inside
