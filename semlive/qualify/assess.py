@@ -53,7 +53,7 @@ def assess(
     conditions = _conditions(evidence, source, not_paired)
     frames, within = [(pair.decision.first, pair.decision.second) for pair in evidence.pairs], [pair.within for pair in evidence.pairs]
     timed, stretch = conditions.timed, _stretch(evidence)
-    rows = row_results(evidence.rows, evidence.no_rows, _row_pairs(evidence, timed=timed))
+    rows = row_results(evidence.rows, evidence.no_rows, _row_pairs(evidence, timed=timed), evidence.slow_wave)
     motion = RowMotion.of(rows, conditions.height_px)
     rates = drift_rates(frames, within, motion.mean_sigma_px)
     intervals = interval_results(frames)
@@ -143,7 +143,8 @@ def _stretch(evidence: Evidence) -> tuple[float, float]:
 
 
 def _row_effects(evidence: Evidence) -> tuple[IdentifiedEffect, ...]:
-    return () if evidence.rows is None else evidence.rows.effects
+    slow = () if evidence.slow_wave is None else (evidence.slow_wave.effect,)
+    return slow if evidence.rows is None else (*slow, *evidence.rows.effects)
 
 
 def _row_pairs(evidence: Evidence, *, timed: bool) -> RowPairs:
@@ -204,7 +205,7 @@ def _sources(
         row_start_per_px=0.0 if settling is None else settling.strain_per_px(GAUGE_PX),
         stage_residual_px=0.0 if stage is None else stage.value,
         half_frame_px=0.5 * min(first.width_px, first.height_px),
-        row_effects=_row_effects(evidence),
+        row_effects=_row_effects(evidence) if evidence.slow_wave is None else (evidence.slow_wave.effect,),
         map_effects=certain_effects(evidence.effects, _row_effects(evidence)),
     )
 

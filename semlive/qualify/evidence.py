@@ -22,8 +22,11 @@ from semlive.errors import BadInput, IllPosed
 from semlive.estimate import EstimatorState, Solution
 from semlive.pipeline import AnalysisState
 from semlive.qualify.figures.intervals import Interval
-from semlive.qualify.figures.noise import SUBSETS_PX
+from semlive.qualify.figures.noise import SUBSETS_PX, displacement_scatter, white_noise
 from semlive.qualify.figures.pixel_noise import pixel_noise
+from semlive.qualify.figures.slow_waves import SlowWave, slow_wave
+from semlive.qualify.figures.waves import MIN_SHARE_ADJACENT, strongest_wave_px
+from semlive.qualify.limits import MIN_EXCESS
 
 MAX_NOISE_PAIRS = 12
 """Pairs correlated with each subset size: the scatter of 12 maps of 500 points is determined to 2 %."""
@@ -69,6 +72,7 @@ class Evidence:
         estimate: drift, distortion and motions of the solution.
         rows: verdict on the rows; None without one.
         no_rows: reason for a missing verdict on the rows.
+        slow_wave: wave near a multiple of the row rate that the rows do not show, if it explains the noise of the maps.
         effects: effects that the maps show beyond drift and distortion.
         no_effects: reason for a missing search of effects; empty if it was made.
     """
@@ -83,6 +87,7 @@ class Evidence:
     estimate: EstimateRevision
     rows: RowDiagnosis | None
     no_rows: str
+    slow_wave: SlowWave | None
     effects: tuple[IdentifiedEffect, ...]
     no_effects: str
 
@@ -161,7 +166,10 @@ def conclude(
     pattern = dic.quality(first.image, state.grid, state.settings.dic)
     parts = _parts(first, replace(state.settings.dic, step_px=state.settings.dic.subset_px))
     noise = pixel_noise(first.image)
-    return Evidence(state.settings, pattern, parts, noise, choice, tuple(pairs), solution, estimate, rows, no_rows, effects, no_effects)
+    slow = None if rows is None else _slow_wave([pair for pair in pairs if pair.rows is not None], pattern, strongest_wave_px(rows.effects))
+    return Evidence(
+        state.settings, pattern, parts, noise, choice, tuple(pairs), solution, estimate, rows, no_rows, slow, effects, no_effects
+    )  # fmt: skip
 
 
 def _parts(first: Frame, settings: DicSettings) -> tuple[PatternQuality, ...]:
@@ -180,6 +188,27 @@ def _rows(series: Sequence[RowSeries]) -> tuple[RowDiagnosis | None, str]:
         return diagnose_rows(series), ""
     except IllPosed as error:
         return None, str(error)
+
+
+def _slow_wave(pairs: Sequence[PairMeasurement], pattern: PatternQuality, rows_px: float) -> SlowWave | None:
+    """The slow wave that explains the noise of the maps, unless the rows show a wave of more than twice its size."""
+    own = [pair.scattered for pair in pairs]
+    scatter, white_px = displacement_scatter(own), max(pattern.median_sigma_px) or max(white_noise(own))
+    if scatter is None or scatter.worst()[0] < MIN_EXCESS * white_px:
+        return None
+    maps = _finest(pairs)
+    # The noise of the image is inversely proportional to the subset: 0.0185 px with 21 px and 0.0062 px with 61 px.
+    white_px *= own[0].grid.subset_px / maps[0].grid.subset_px
+    found = slow_wave(maps, pairs[0].decision.first.timing, white_px)
+    return found if found is not None and found.effect.peak_px > MIN_SHARE_ADJACENT * rows_px else None
+
+
+def _finest(pairs: Sequence[PairMeasurement]) -> list[DisparityMap]:
+    """Maps with the smallest subset that follows the waves in all pairs: the larger subsets average more waves."""
+    own = [pair.scattered for pair in pairs]
+    by_size = ([found for pair in pairs for found in pair.by_subset if found.grid.subset_px == size] for size in SUBSETS_PX)
+    complete = [fine for fine in by_size if len(fine) == len(own) and fine[0].grid.subset_px < own[0].grid.subset_px]
+    return complete[0] if complete else own
 
 
 def _effects(state: AnalysisState) -> tuple[tuple[IdentifiedEffect, ...], str]:

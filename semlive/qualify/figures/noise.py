@@ -52,9 +52,7 @@ def detrended(disparity: DisparityMap) -> tuple[Array, Array] | None:
     valid = disparity.valid
     if int(valid.sum()) < 4 * len(TREND):
         return None
-    x, y = disparity.grid.mesh()
-    x, y = ((axis - axis.mean()) / max(float(np.ptp(axis)), 1.0) for axis in (x, y))
-    columns = np.stack([(x**i * y**j)[valid] for i, j in TREND], axis=-1)
+    columns = trend_columns(disparity)
     fields = []
     for values in (disparity.u_px, disparity.v_px):
         rest = values[valid] - columns @ np.linalg.lstsq(columns, values[valid], rcond=None)[0]
@@ -63,6 +61,12 @@ def detrended(disparity: DisparityMap) -> tuple[Array, Array] | None:
         field[valid] = np.clip(rest, -limit, limit)
         fields.append(field)
     return fields[0], fields[1]
+
+
+def trend_columns(disparity: DisparityMap) -> Array:
+    """(n, 6) powers of the trend at the n valid points of a map."""
+    x, y = ((axis - axis.mean()) / max(float(np.ptp(axis)), 1.0) for axis in disparity.grid.mesh())
+    return np.stack([(x**i * y**j)[disparity.valid] for i, j in TREND], axis=-1)
 
 
 def displacement_scatter(maps: Sequence[DisparityMap]) -> Scatter | None:

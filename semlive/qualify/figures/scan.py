@@ -12,6 +12,7 @@ from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome, ParameterE
 from semlive.data.frame import FrameInfo
 from semlive.data.scan import Provenance
 from semlive.qualify.figures.intervals import NORMAL_95, Interval, about
+from semlive.qualify.figures.slow_waves import SlowWave
 from semlive.qualify.figures.waves import MIN_SHARE, RowPairs, amplitude_interval, is_wave, stated_waves
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
@@ -51,34 +52,51 @@ def slowest_row_time(intervals: Sequence[Result]) -> float:
     return min(max((1.0, *ratios)), MAX_ROW_TIME)
 
 
-def row_results(rows: RowDiagnosis | None, reason: str, pairs: RowPairs) -> list[Result]:
+def row_results(rows: RowDiagnosis | None, reason: str, pairs: RowPairs, slow: SlowWave | None = None) -> list[Result]:
     """Frequencies and amplitudes of waves, and jitter, of the rows; or why they are not determined.
 
     Args:
         rows: verdict on the rows; None without one.
         reason: why there is no verdict.
         pairs: rows of the pairs.
+        slow: wave near a multiple of the row rate in the maps within the pairs; None without one.
     """
     if rows is None:
         return [Undetermined("rows", reason, ROWS_REMEDY)]
-    if rows.outcome is Outcome.NONE:
+    if rows.outcome is Outcome.NONE and slow is None:
         p_value = min((test.p_value for test in rows.where), default=1.0)
         return [
             Undetermined(
                 "row_waves", f"no hum, vibration or row jitter is significant (p = {p_value:.2g})", "none is needed", by_pairs=False
             )
         ]
-    found = list[Result]()
+    found = [] if slow is None else _slow_results(slow, pairs)
+    effects = rows.effects if slow is None else (*rows.effects, slow.effect)
     for effect in rows.effects:
+        # A slow wave makes smaller waves and jitter of the rows: one of 0.48 px made five waves of up to 0.016 px, among them hum.
+        if slow is not None and (effect.name == slow.effect.name or effect.peak_px < slow.effect.peak_px):
+            continue
         if not is_wave(effect):
             found += _above_share(effect_figures(effect))
             continue
-        for wave in stated_waves(effect, rows.effects, pairs):
+        for wave in stated_waves(effect, effects, pairs):
             half_hz = NORMAL_95 * pairs.frequency_sigma_hz(wave.frequency)
             found.append(_figure(effect.name, wave.frequency, about(wave.frequency.value, half_hz)))
             sizes = enumerate((wave.along_x, wave.along_y))
             found += _above_share([_figure(effect.name, size, amplitude_interval(axis, wave.frequency, pairs)) for axis, size in sizes])
     return found
+
+
+def _slow_results(slow: SlowWave, pairs: RowPairs) -> list[Result]:
+    """Frequency and amplitudes of a wave near a multiple of the row rate."""
+    name, (frequency, *sizes) = slow.effect.name, slow.effect.parameters
+    figures = list[Figure]()
+    for axis, size in enumerate(sizes):
+        value, low, high = amplitude_interval(axis, frequency, pairs, slow.wave)
+        error = NORMAL_95 * slow.relative_sigma * value
+        interval = value, max(value - float(np.hypot(value - low, error)), 0.0), value + float(np.hypot(high - value, error))
+        figures.append(_figure(name, size, interval))
+    return [_parameter(name, frequency), *_above_share(figures)]
 
 
 def _above_share(sizes: Sequence[Figure]) -> list[Figure]:

@@ -11,7 +11,7 @@ from scipy import special
 
 from semlive.data.diagnosis.effects import IdentifiedEffect, ParameterEstimate
 from semlive.diagnose.rows.series import RowSeries
-from semlive.diagnose.rows.spectrum import fit_wave
+from semlive.diagnose.rows.spectrum import Wave, fit_wave
 from semlive.qualify.figures.intervals import TAILS, Interval, quantiles
 from semlive.qualify.values import Figure, Result
 
@@ -76,6 +76,11 @@ def _is_stated(wave: StatedWave, strongest: StatedWave, pairs: RowPairs) -> bool
     share = wave.size_px / strongest.size_px
     lines = abs(pairs.alias_cycles(wave.frequency.value) - pairs.alias_cycles(strongest.frequency.value))
     return share >= (MIN_SHARE if lines > ADJACENT_LINES else MIN_SHARE_ADJACENT)
+
+
+def strongest_wave_px(effects: Sequence[IdentifiedEffect]) -> float:
+    """Largest amplitude of a wave of the rows; 0 without."""
+    return max((wave.size_px for effect in effects if is_wave(effect) for wave in _waves_of(effect)), default=0.0)
 
 
 def row_motion_px(row_effects: Sequence[IdentifiedEffect]) -> float:
@@ -175,7 +180,7 @@ class RowPairs:
         return np.asarray(frequency_hz * (self.interval_s + dwell_s * self.moved_px[:, 0]) + alias * self.moved_px[:, 1])
 
 
-def amplitude_interval(axis: int, frequency: ParameterEstimate, pairs: RowPairs) -> Interval:
+def amplitude_interval(axis: int, frequency: ParameterEstimate, pairs: RowPairs, in_maps: Wave | None = None) -> Interval:
     """Amplitude of a wave along one axis with its 95 % interval.
 
     A wave that continues from frame to frame has almost the same phase difference in all pairs, from which nothing but the interval of the
@@ -186,8 +191,9 @@ def amplitude_interval(axis: int, frequency: ParameterEstimate, pairs: RowPairs)
         axis: 0 along x, 1 along y.
         frequency: of the wave, Hz.
         pairs: rows of the pairs.
+        in_maps: the wave in the maps within the pairs; None for that in their rows.
     """
-    wave = fit_wave(pairs.series, frequency.value)
+    wave = in_maps or fit_wave(pairs.series, frequency.value)
     size, noise = np.abs(wave.amplitude), wave.sigma_px * np.sqrt(2.0)
     factor = _factor(pairs.turns(frequency.value), wave.frames)
     stronger = int(np.argmax(size.mean(axis=0)))
@@ -200,7 +206,8 @@ def amplitude_interval(axis: int, frequency: ParameterEstimate, pairs: RowPairs)
     if not coherent:
         return _independent(size[:, axis], np.hypot(wave.sigma_px[:, axis], AMPLITUDE_ERROR * size[:, axis]), wave.frames)
     rng = np.random.default_rng(5)
-    frequencies = frequency.value + pairs.frequency_sigma_hz(frequency) * rng.standard_normal(DRAWS)
+    sigma_hz = pairs.frequency_sigma_hz(frequency) if in_maps is None else frequency.sigma
+    frequencies = frequency.value + sigma_hz * rng.standard_normal(DRAWS)
     factors = np.stack([_factor(pairs.turns(one), wave.frames) for one in frequencies])
     square = np.mean(np.maximum(size[:, axis] ** 2 - noise[:, axis] ** 2, 0.0))
     error = float(np.sqrt(np.mean(noise[:, axis] ** 2) / len(size)))
