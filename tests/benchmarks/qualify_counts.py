@@ -17,7 +17,7 @@ from scipy import stats
 
 from semlive.qualify.values import Figure
 
-FIRST_SEED = 13_000
+FIRST_SEED = 23_000
 """Seeds of the final count; none of them was used while the code was changed."""
 LEVEL = 0.95
 EXACT = 1e-5
