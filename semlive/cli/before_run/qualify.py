@@ -12,7 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from semlive.cli.before_run.qualifying_run import next_step, take_pairs
+from semlive.cli.before_run.qualifying_run import further_log, take_pairs
 from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
 from semlive.cli.shared.report_files import pdf_option, write_report_files
@@ -40,23 +40,40 @@ from semlive.service.qualification.recommended import configuration_text
 from semlive.service.qualification.run import Progress, QualifyRequest, qualify_source
 
 _MICRO = 1e6
+InstrumentPath = Annotated[
+    Path | None,
+    typer.Argument(
+        help="Configuration of the instrument, or a log of it: write the run without load that qualifies it, or take it with --run."
+    ),
+]
+Source = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--from",
+        help="Folder of exported frames, or a log of a run; frames.csv in the folder gives times and shifts. "
+        "Repeat the option for the logs of further steps.",
+    ),
+]
+InstrumentConfig = Annotated[
+    Path | None,
+    typer.Option(
+        "--config",
+        help="Configuration of the instrument: its scan profiles supply values of files, its devices take --protocol; a log has both.",
+    ),
+]
+Run = Annotated[
+    bool,
+    typer.Option(
+        "--run",
+        help="With CONFIG, or a log: take the pairs now, end as soon as no figure needs a further pair, evaluate them, and take the "
+        "further steps that are needed.",
+    ),
+]
 
 
 def qualify(
-    instrument: Annotated[
-        Path | None,
-        typer.Argument(
-            help="Configuration of the instrument, or a log of it: write the run without load that qualifies it, or take it with --run."
-        ),
-    ] = None,
-    source: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--from",
-            help="Folder of exported frames, or a log of a run; frames.csv in the folder gives times and shifts. "
-            "Repeat the option for the logs of further steps.",
-        ),
-    ] = None,
+    instrument: InstrumentPath = None,
+    source: Source = None,
     history: Annotated[
         list[Path] | None,
         typer.Option("--history", help="File of an earlier qualification, or a folder of them; repeat the option for several files."),
@@ -67,25 +84,12 @@ def qualify(
     protocol: Annotated[
         Path | None, typer.Option("--protocol", help="Write the recommended protocol as a configuration for semlive run.")
     ] = None,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config",
-            help="Configuration of the instrument: its scan profiles supply values of files, its devices take --protocol; a log has both.",
-        ),
-    ] = None,
+    config: InstrumentConfig = None,
     quick: Annotated[bool, typer.Option("--quick", help="Do not search the maps for effects beyond drift and distortion.")] = False,
     follow: Annotated[
         bool, typer.Option("--follow", help="With --from LOG of a run in progress: evaluate each pair, and end as soon as none is needed.")
     ] = False,
-    run: Annotated[
-        bool,
-        typer.Option(
-            "--run",
-            help="With CONFIG, or a log: take the pairs now, end as soon as no figure needs a further pair, evaluate them, and go on with "
-            "the further steps that are needed.",
-        ),
-    ] = False,
+    run: Run = False,
     step: Annotated[
         StepName | None, typer.Option("--step", help="With CONFIG, or a log: write the run of a further step with another scan.")
     ] = None,
@@ -105,8 +109,8 @@ def qualify(
     if instrument is not None:
         source = [*([instrument] if step is not None and is_log(instrument) else []), take_pairs(instrument, step)]
     found, configuration = _evaluated(source, config, quick=quick, follow=follow)
-    while run and (chosen := next_step(found)) is not None:
-        source.append(take_pairs(source[0], chosen))
+    while run and (further := further_log(found, source[0])) is not None:
+        source.append(further)
         found, configuration = _evaluated(source, config, quick=quick, follow=False)
     for path, text in ((out, to_json(found)), (protocol, configuration)):
         if path is not None:

@@ -1,4 +1,4 @@
-"""Qualifying runs that `semlive qualify --run` takes itself: the first one, and the further steps that it leaves necessary."""
+"""Qualifying runs that `semlive qualify --run` takes itself: the first one, and the further steps that it needs."""
 
 from __future__ import annotations
 
@@ -45,8 +45,16 @@ def take_pairs(instrument: Path, step: StepName | None) -> Path:
     return log
 
 
-def next_step(found: Qualification) -> StepName | None:
-    """The next further step, after a person has set the scan for it; None if none is needed, or nobody sets it."""
+def further_log(found: Qualification, first: Path) -> Path | None:
+    """Log of the next further step, which is taken after a person has set the scan for it.
+
+    Args:
+        found: qualification so far.
+        first: log of the first run.
+
+    Returns:
+        None if no step is needed, nobody sets the scan, or the run failed, which is shown: the qualification so far is not lost.
+    """
     steps = proposals(found)
     if not steps or not sys.stdin.isatty():
         return None
@@ -54,4 +62,10 @@ def next_step(found: Qualification) -> StepName | None:
     echo(f"next step: {proposal.reason}", err=True)
     echo(f"{proposal.step.change}, then press Enter; or type end: ", err=True)
     answer = sys.stdin.readline()
-    return None if not answer or answer.strip() else proposal.step.name
+    if not answer or answer.strip():
+        return None
+    try:
+        return take_pairs(first, proposal.step.name)
+    except SemliveError as error:
+        echo(str(error), err=True)
+        return None

@@ -71,15 +71,7 @@ def run(
         raise BadConfig(f"{config}: --until-qualified is for a run without load, as `semlive qualify` writes it; leave it out, or loads_n")
     if yes and not resume:
         raise BadConfig("--yes confirms --resume; give both options, or leave --yes out")
-    commands: queue.SimpleQueue[OperatorCommand | AcknowledgeAll] = queue.SimpleQueue()
-    by_hand = any(
-        section is not None and section.driver == "operator" for section in (checked.load_frame, checked.stage, checked.sem.trigger)
-    )
-    if sys.stdin.isatty() and by_hand:  # the drivers read the other lines as answers to their prompts
-        for interface in operator_interfaces().values():
-            interface.add_answer_source(partial(_queue_command, commands))
-    elif sys.stdin.isatty():
-        threading.Thread(target=_listen, args=(commands,), daemon=True).start()
+    commands = _typed_commands(checked) if sys.stdin.isatty() else queue.SimpleQueue()
     console = Console(stderr=True)
     page_address = PageAddress(page_host, page_port, tuple(page_name or ()))
     with contextlib.ExitStack() as stack:
@@ -88,8 +80,7 @@ def run(
             qualification = QualificationProcess(log, view.show_line)
             stack.callback(qualification.close)
             starts = [] if no_page else [partial(_open_page, stack, view, log, page_address)]
-            starts += [qualification.start] if until_qualified else []
-            on_open = partial(_start_all, starts) if starts else None
+            on_open = partial(_start_all, [*starts, *([qualification.start] if until_qualified else [])])
             outcome = run_experiment(checked, RunInterface(view.show, commands, attended, stop_on_fault, resume, yes, on_open))
         for line in (outcome.text, f"log: {outcome.log}"):
             console.print(printable(line), markup=False)
@@ -131,6 +122,17 @@ def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place
         )
 
     stack.callback(PageProcess(log, place, ready, address).close)
+
+
+def _typed_commands(config: Config) -> queue.SimpleQueue[OperatorCommand | AcknowledgeAll]:
+    """Queue of the commands that the operator types from now on."""
+    commands: queue.SimpleQueue[OperatorCommand | AcknowledgeAll] = queue.SimpleQueue()
+    if any(section is not None and section.driver == "operator" for section in (config.load_frame, config.stage, config.sem.trigger)):
+        for interface in operator_interfaces().values():  # the drivers read the other lines as answers to their prompts
+            interface.add_answer_source(partial(_queue_command, commands))
+    else:
+        threading.Thread(target=_listen, args=(commands,), daemon=True).start()
+    return commands
 
 
 def _listen(commands: queue.SimpleQueue[OperatorCommand | AcknowledgeAll]) -> None:
