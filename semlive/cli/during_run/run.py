@@ -7,7 +7,7 @@ import json
 import queue
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -73,14 +73,14 @@ def run(
         raise BadConfig("--yes confirms --resume; give both options, or leave --yes out")
     commands = _typed_commands(checked) if sys.stdin.isatty() else queue.SimpleQueue()
     console = Console(stderr=True)
-    page_address = PageAddress(page_host, page_port, tuple(page_name or ()))
+    place = PageAddress(page_host, page_port, tuple(page_name or ()))
     with contextlib.ExitStack() as stack:
         with ProgressView(console) as view:
             log = checked.run.folder / checked.run.name
             qualification = QualificationProcess(log, view.show_line)
             stack.callback(qualification.close)
-            starts = [] if no_page else [partial(_open_page, stack, view, log, page_address)]
-            on_open = partial(_start_all, [*starts, *([qualification.start] if until_qualified else [])])
+            open_page = None if no_page else partial(_open_page, stack, view, log, place)
+            on_open = _each_of(open_page, qualification.start if until_qualified else None)
             outcome = run_experiment(checked, RunInterface(view.show, commands, attended, stop_on_fault, resume, yes, on_open))
         for line in (outcome.text, f"log: {outcome.log}"):
             console.print(printable(line), markup=False)
@@ -106,9 +106,10 @@ def _with_model(config: Config, model: Path | None, resume: bool) -> Config:
     return config_with_model(config, model, resume)
 
 
-def _start_all(starts: Sequence[Callable[[SocketAddress], object]], address: SocketAddress) -> None:
-    for start in starts:
-        start(address)
+def _each_of(*starts: Callable[[SocketAddress], object] | None) -> Callable[[SocketAddress], object] | None:
+    """A function that calls those that are given; None if none is."""
+    given = [start for start in starts if start is not None]
+    return (lambda address: [start(address) for start in given]) if given else None
 
 
 def _open_page(stack: contextlib.ExitStack, view: ProgressView, log: Path, place: PageAddress, address: SocketAddress) -> None:
