@@ -28,7 +28,7 @@ from semlive.diagnose.rows.spectrum import (
     Spectrum,
     matching_frequencies,
 )
-from semlive.model.effects.rows import PERIODIC_EFFECTS, RowEffectClass
+from semlive.model.effects.rows import PERIODIC_EFFECTS, RowEffectClass, periodic_effect_of
 
 Array = NDArray[np.float64]
 MIN_LOG_FACTOR = 15.0  # noise of engines with other windows reached 9.5; a wave of 0.05 px in five pairs has more than 1000
@@ -155,7 +155,8 @@ def _class_odds(spectrum: Spectrum, family: RowEffectClass) -> float:
 
 def _refined(series: Sequence[MapSeries], spectrum: Spectrum, at: int, family: RowEffectClass, log_factor: float) -> MapWave:
     """The wave at one frequency of a spectrum, refined between the tested frequencies."""
-    start_hz, first = float(spectrum.frequency_hz[at]), series[0]
+    first = series[0]
+    start_hz, second = _likeliest_multiple(series, float(spectrum.frequency_hz[at]))
     step_hz = 1.0 / (FREQUENCIES_PER_LINE_WIDTH * float(np.ptp(first.row_px)) * first.row_time_s)
     noise_px = (1.0 / np.sqrt(spectrum.information[:, at])).reshape(len(series), 2)
 
@@ -174,11 +175,28 @@ def _refined(series: Sequence[MapSeries], spectrum: Spectrum, at: int, family: R
     spread = np.sqrt(0.5 * mean**2 + 2.0 * noise_px.mean(axis=0) ** 2 * mean + noise_px.mean(axis=0) ** 4) / np.sqrt(len(series))
     amplitude_px = np.sqrt(mean)
     sigma_px = np.minimum(spread / np.maximum(2.0 * amplitude_px, 1e-12), np.sqrt(spread))
-    others = np.abs(spectrum.frequency_hz - start_hz) > 0.5 / first.row_time_s
+    others = np.abs(spectrum.frequency_hz - spectrum.frequency_hz[at]) > 0.5 / first.row_time_s
     rival = float(spectrum.total[others].max()) if others.any() else 0.0
-    certain = bool(spectrum.total[at] - rival > MIN_LOG_ODDS)
+    tested = start_hz == float(spectrum.frequency_hz[at])
+    certain = float(spectrum.total[at]) * (1.0 - second) > MIN_LOG_ODDS and (not tested or bool(spectrum.total[at] - rival > MIN_LOG_ODDS))
+    family = family if tested else periodic_effect_of(top_hz)
     sigma_hz = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else step_hz
     return MapWave(family, top_hz, sigma_hz, amplitude_px, sigma_px, log_factor, min(1.0, 2.0 * spectrum.p_value(at)), certain)
+
+
+def _likeliest_multiple(series: Sequence[MapSeries], frequency_hz: float) -> tuple[float, float]:
+    """The frequency near a multiple of the row rate that explains most of the maps, of those with the same alias up to a tested one.
+
+    Slower waves than the tested ones turn less than once over the columns, and leak into the next multiple: 9.50 Hz was found at 18.84 Hz.
+
+    Returns:
+        The frequency, Hz, and the sum of squares that the second best explains, relative to that of the best; 0 if there is no other.
+    """
+    row_rate_hz = 1.0 / series[0].row_time_s
+    candidates = frequency_hz - row_rate_hz * np.arange(round(frequency_hz / row_rate_hz))
+    explained = np.array([sum(one.amplitude(float(hz))[1] for one in series) for hz in candidates])
+    order = np.argsort(explained)[::-1]
+    return float(candidates[order[0]]), float(explained[order[1]] / explained[order[0]]) if len(order) > 1 else 0.0
 
 
 def _taper(count: int) -> Array:

@@ -67,6 +67,14 @@ ROW_JITTER = RowEffectClass(
 """Independent shift of every row along x by noise of the scan generator."""
 PERIODIC_EFFECTS: tuple[RowEffectClass, ...] = (MAINS_HUM, VIBRATION)
 """Periodic effects, distinguished by their frequencies."""
+
+
+def periodic_effect_of(frequency_hz: float) -> RowEffectClass:
+    """The class of a wave, by its frequency, Hz."""
+    is_hum = MAINS_HUM.matches_frequency
+    return MAINS_HUM if is_hum is not None and bool(np.all(is_hum(np.array([frequency_hz])))) else VIBRATION
+
+
 ROW_DICTIONARY: tuple[RowEffectClass, ...] = (*PERIODIC_EFFECTS, ROW_JITTER)
 
 

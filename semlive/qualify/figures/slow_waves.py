@@ -20,7 +20,7 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.scan import ScanTiming
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS
 from semlive.diagnose.rows.spectrum import EXPONENTIAL_MEDIAN, Spectrum, Wave
-from semlive.model.effects.rows import MAINS_HUM, VIBRATION
+from semlive.model.effects.rows import VIBRATION, periodic_effect_of
 from semlive.qualify.figures.map_sampling import PER_CYCLE, MapSampling, StillMap
 from semlive.qualify.figures.noise import displacement_scatter
 
@@ -124,7 +124,7 @@ def _is_certain(spectrum: Spectrum, at: int, row_s: float) -> bool:
 
 def _effect(frequency: ParameterEstimate, wave: Wave, log_factor: float, p_value: float) -> IdentifiedEffect:
     """The wave as an effect; with random phases a pair has a mean square amplitude of 2 A^2."""
-    family = MAINS_HUM if MAINS_HUM.matches_frequency and MAINS_HUM.matches_frequency(np.array([frequency.value])).all() else VIBRATION
+    family = periodic_effect_of(frequency.value)
     sizes_px = np.sqrt(0.5 * np.mean(np.abs(wave.amplitude) ** 2, axis=0))
     along = [
         ParameterEstimate(f"amplitude_{axis}_px", float(size), float(size) / float(np.sqrt(8.0 * len(wave.amplitude))), "px")

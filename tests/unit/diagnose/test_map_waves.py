@@ -62,6 +62,14 @@ def test_a_wave_near_a_multiple_of_the_row_rate_is_identified(shaken: Observatio
         assert values[name].sigma < 0.015
 
 
+def test_a_wave_that_turns_less_than_once_over_the_columns_is_not_named_at_the_next_multiple() -> None:
+    found = diagnose_map_waves(map_series(run(SampledVibration(9.5))))
+    assert found is not None
+    assert found.outcome is Outcome.IDENTIFIED
+    (frequency,) = [parameter for parameter in found.effects[0].parameters if parameter.name == "frequency_hz"]
+    assert (found.effects[0].name, frequency.value) == ("vibration", pytest.approx(9.5, abs=4e-3))
+
+
 def test_drift_distortion_and_noise_are_no_wave() -> None:
     found = diagnose_map_waves(map_series(run()))
     assert found is not None
