@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import yaml
 from matplotlib.figure import Figure as Drawing
 
 from semlive.qualify.further import proposals
@@ -16,6 +17,8 @@ from semlive.report.style import INK, PAGE_INCH, SOFT, X_COLOUR, Y_COLOUR, frame
 
 PANELS_PER_ROW = 3
 MICRO = 1e6
+RECOMMENDED = ("protocol", "dic", "estimate")
+"""Sections of a configuration that a qualification recommends."""
 LIMIT_SOURCES = ("drift_rate", "distortion")
 """Quantities without which the list of limits is incomplete."""
 
@@ -51,7 +54,9 @@ def qualification_document(qualification: Qualification, configuration: str) -> 
     more = [Bullets(tuple(f"{item.name}: {item.reason}; {item.remedy}." for item in qualification.undetermined))]
     sections = [
         Section("Result", tuple(blocks)),
-        Section("Recommended protocol", (Bullets(tuple(steps)), Listing("Configuration for semlive run", configuration))),
+        Section(
+            "Recommended protocol", (Bullets(tuple(steps)), Listing("In the configuration of --protocol", _recommended(configuration)))
+        ),
         Section("Figures", tuple(measured)),
     ]
     if qualification.setups:
@@ -66,6 +71,14 @@ def qualification_document(qualification: Qualification, configuration: str) -> 
     day = f", {conditions.day}" if conditions.dated else ""
     size = f"{conditions.width_px} x {conditions.height_px} px" + (f" of {conditions.pixel_nm:.4g} nm" if conditions.pixel_nm else "")
     return Document(f"Qualification of {conditions.source}", f"{conditions.pairs} pairs of frames of {size}{day}", tuple(sections))
+
+
+def _recommended(configuration: str) -> str:
+    """The sections of a configuration that the recommendation determines; those of the instrument would fill half a page."""
+    sections = yaml.safe_load(configuration) or {}
+    return yaml.safe_dump(
+        {key: sections[key] for key in RECOMMENDED if key in sections}, sort_keys=False, default_flow_style=None, width=120
+    )
 
 
 def limiting_text(qualification: Qualification) -> str:
