@@ -29,7 +29,7 @@ from semlive.diagnose.rows.map_waves import MIN_LOG_FACTOR, diagnose_map_waves
 WIDTH_PX, HEIGHT_PX, SUBSET_PX, PAIRS, NOISE_PX = 1024, 884, 43, 6, 0.02
 ROW_TIME_S, DWELL_TIME_S = 94.67 / HEIGHT_PX, 1e-4
 COLUMNS, ROWS = 101.0 + 5.0 * np.arange(150), 101.0 + 5.0 * np.arange(120)
-WAVES = ((37.3, 0.10), (37.3, 0.05), (18.74, 0.05), (18.74, 0.02), (46.6, 0.01))  # Hz and px; rows come at 9.338 Hz
+WAVES = ((9.5, 0.05), (37.3, 0.10), (37.3, 0.05), (18.74, 0.05), (18.74, 0.02), (46.6, 0.01))  # Hz and px; rows come at 9.338 Hz
 
 
 def simulated(frequency_hz: float, amplitude_px: float, seed: int) -> list[MapSeries]:
