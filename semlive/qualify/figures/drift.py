@@ -11,7 +11,7 @@ from scipy import stats
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.frame import FrameInfo
-from semlive.qualify.figures.intervals import length_quantiles, magnitude_interval, quantiles, raised, scaled, stretched
+from semlive.qualify.figures.intervals import Interval, length_quantiles, magnitude_interval, quantiles, raised, scaled, stretched
 from semlive.qualify.figures.noise import independent_points
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
@@ -219,8 +219,14 @@ def _fit(columns: Array, values: Array) -> tuple[Array, float, float, Array]:
     return coefficients, float(np.sum((values - columns @ coefficients) ** 2)), -float(np.sum(np.log(values_))), vectors / np.sqrt(values_)
 
 
-def decay_results(rates: DriftRates) -> list[Result]:
-    """Decay time, final rate and waiting time, or why they are not determined."""
+def decay_results(rates: DriftRates, slowest: float = 1.0) -> list[Result]:
+    """Decay time, final rate and waiting time, or why they are not determined.
+
+    Args:
+        rates: drift rates of the pairs.
+        slowest: largest true row time relative to the stated one that nothing excludes; the drift during a frame, and with it the upper end
+            of the waiting time, increases with it.
+    """
     count = len(rates.time_s)
     if count < MIN_PAIRS_DECAY:
         return [
@@ -243,5 +249,11 @@ def decay_results(rates: DriftRates) -> list[Result]:
     return [
         Figure("drift_decay", "decay time of the drift rate", *quantiles(decay.time_s), "s", Trend.LARGER),
         Figure("drift_rate_final", "drift rate after the decay", *length_quantiles(decay.final_px_s), "px/s"),
-        Figure("waiting_time", "best waiting time", *quantiles(decay.wait_s(rates.frame_s)), "s", note=note),
+        Figure("waiting_time", "best waiting time", *_waiting(decay, rates.frame_s, slowest), "s", note=note),
     ]
+
+
+def _waiting(decay: Decay, frame_s: float, slowest: float) -> Interval:
+    """Waiting time with its 95 % interval, s."""
+    value, low, _ = quantiles(decay.wait_s(frame_s))
+    return value, low, quantiles(decay.wait_s(slowest * frame_s))[2]

@@ -87,7 +87,8 @@ def plan_of(path: Path, name: StepName | None = None) -> WrittenPlan:
     warm_up_s = 0.0
     if step is None and beam_s is not None and scan_s is not None and MAX_BEAM_S - beam_s > beam_s / len(shifts):
         warm_up_s = MAX_BEAM_S - beam_s
-        sections = _warming_up(sections, scan_s, warm_up_s)
+        # A pair that begins within the waiting time ends after it.
+        sections = _warming_up(sections, scan_s, warm_up_s - beam_s / len(shifts))
     text = run_text(_head(step), sections, instrument.confirmed, str(path))
     return WrittenPlan(text, len(shifts), beam_s, warm_up_s, "" if step is None else step.change)
 
@@ -96,7 +97,7 @@ def _warming_up(sections: Sections, scan_s: float, longest_s: float) -> Sections
     """Sections with additional pairs after the first one until the drift has settled. Only the joint estimate forecasts the drift."""
     rule = {
         "max_change_px_s": _rounded(SETTLED_PX / scan_s),
-        "max_wait_s": round(longest_s),
+        "max_wait_s": max(round(longest_s), 1),
         "after_wait": "continue",
         "before": "calibration",
     }

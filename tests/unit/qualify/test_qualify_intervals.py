@@ -64,6 +64,15 @@ def test_decay_time_final_rate_and_waiting_time_are_inside_their_intervals(scatt
     assert all(0.85 <= held / count <= 1.0 for held in inside.values()), inside
 
 
+def test_a_row_time_that_is_not_excluded_is_in_the_upper_end_of_the_waiting_time() -> None:
+    rates = _rates(np.random.default_rng(5), 12, 300.0, 1e-4)
+    (stated, slow) = (next(item for item in decay_results(rates, slowest) if item.name == "waiting_time") for slowest in (1.0, 1.5))
+    assert isinstance(stated, Figure)
+    assert isinstance(slow, Figure)
+    assert (slow.value, slow.low) == (stated.value, stated.low)
+    assert slow.high - stated.high == pytest.approx(300.0 * np.log(1.5), rel=0.1)
+
+
 def test_a_constant_rate_has_no_decay() -> None:
     rng = np.random.default_rng(4)
     found = sum(fit_decay(_rates(rng, 10, 1e9, 1e-3)) is not None for _ in range(50))
