@@ -66,7 +66,7 @@ def assess(
         *_pattern(evidence),
         *_noise(evidence),
         *rate_results(rates, conditions.row_s, conditions.pixel_nm, timed=timed, stretch=stretch, slowest=slowest),
-        *(decay_results(replace(rates, frame_s=stretch[0] * rates.frame_s), slowest) if timed else ()),
+        *(decay_results(replace(rates, frame_s=stretch[0] * rates.frame_s), slowest, stretch[1] / stretch[0]) if timed else ()),
         *intervals,
         *rows,
         *bends,

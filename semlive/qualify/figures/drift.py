@@ -138,8 +138,8 @@ class Decay:
     final_px_s: Array
     start_px_s: Array
 
-    def wait_s(self, frame_s: float) -> Array:
-        """(d,) waiting time after the first pair until the decaying part moves the image by less than 0.1 px during a frame, s."""
+    def wait_s(self, frame_s: Array) -> Array:
+        """(d,) waiting time after the first pair until the decaying part moves the image by less than 0.1 px during frames of (d,) s."""
         moved = np.linalg.norm(self.start_px_s, axis=1) * frame_s
         return self.time_s * np.log(np.maximum(moved / DECAYED_PX, 1.0))
 
@@ -219,13 +219,14 @@ def _fit(columns: Array, values: Array) -> tuple[Array, float, float, Array]:
     return coefficients, float(np.sum((values - columns @ coefficients) ** 2)), -float(np.sum(np.log(values_))), vectors / np.sqrt(values_)
 
 
-def decay_results(rates: DriftRates, slowest: float = 1.0) -> list[Result]:
+def decay_results(rates: DriftRates, slowest: float = 1.0, frame_sigma: float = 0.0) -> list[Result]:
     """Decay time, final rate and waiting time, or why they are not determined.
 
     Args:
         rates: drift rates of the pairs.
         slowest: largest true row time relative to the stated one that nothing excludes; the drift during a frame, and with it the upper end
             of the waiting time, increases with it.
+        frame_sigma: relative standard uncertainty of the duration of a frame.
     """
     count = len(rates.time_s)
     if count < MIN_PAIRS_DECAY:
@@ -249,11 +250,12 @@ def decay_results(rates: DriftRates, slowest: float = 1.0) -> list[Result]:
     return [
         Figure("drift_decay", "decay time of the drift rate", *quantiles(decay.time_s), "s", Trend.LARGER),
         Figure("drift_rate_final", "drift rate after the decay", *length_quantiles(decay.final_px_s), "px/s"),
-        Figure("waiting_time", "best waiting time", *_waiting(decay, rates.frame_s, slowest), "s", note=note),
+        Figure("waiting_time", "best waiting time", *_waiting(decay, rates.frame_s, slowest, frame_sigma), "s", note=note),
     ]
 
 
-def _waiting(decay: Decay, frame_s: float, slowest: float) -> Interval:
+def _waiting(decay: Decay, frame_s: float, slowest: float, frame_sigma: float) -> Interval:
     """Waiting time with its 95 % interval, s."""
-    value, low, _ = quantiles(decay.wait_s(frame_s))
-    return value, low, quantiles(decay.wait_s(slowest * frame_s))[2]
+    drawn_s = frame_s * np.maximum(1.0 + frame_sigma * np.random.default_rng(4).standard_normal(DRAWS), 0.0)
+    value, low, _ = quantiles(decay.wait_s(drawn_s))
+    return value, low, quantiles(decay.wait_s(slowest * drawn_s))[2]
