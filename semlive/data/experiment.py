@@ -133,7 +133,7 @@ class WarmUp:
         max_wait_s: waiting time after which the operator decides, or the run continues.
         gate_phases: TENSION: the gate is before the first load; CALIBRATION: after the first pair.
         max_change_px_s: maximum change of the forecast drift rate from pair to pair, plus standard uncertainty; None: not checked.
-        continue_after_wait: whether the run continues after the waiting time without a decision of the operator.
+        continue_after_wait: whether the run continues after the waiting time without a decision of the operator; never to a load.
     """
 
     max_rate_px_s: float | None

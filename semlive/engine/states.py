@@ -14,8 +14,8 @@ tolerance for the settle time. HOLDING is the wait before imaging. IMAGING ends 
 
 If the plan has a warm-up gate, STEP_DONE leads to WARM_UP before the first load. WARM_UP leads to RAMPING of the load step when the
 forecast drift rate is small enough or has settled, to RAMPING of an additional pair until then, and after the maximum time to PAUSED or, if
-the plan has it, to RAMPING of the step. After translations, STEP_DONE leads to CALIBRATION_GATE before the first load, and from there to
-the load or, if the translations do not determine the distortion, to PAUSED.
+no decision is required, to RAMPING of the step. After translations, STEP_DONE leads to CALIBRATION_GATE before the first load, and from
+there to the load or, if the translations do not determine the distortion, to PAUSED.
 
 Every fault stops the motion and leads to FAULT. Only the operator can leave FAULT: RESUME leads to RESUMING, which shows the motion that
 will follow; a second RESUME repeats the step from RAMPING with its full hold. RESUME in PAUSED repeats the step in the same way. Loading is

@@ -12,8 +12,9 @@ import typer
 import yaml
 from rich.console import Console
 
+from semlive.cli.shared.daemon_process import run_daemon
 from semlive.cli.shared.output_path import output_folder
-from semlive.cli.shared.simulated_run import daemon_config, run_daemon
+from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.errors import BadInput, SemliveError
 

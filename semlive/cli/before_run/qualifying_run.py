@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from semlive.cli.shared.daemon_process import run_daemon
 from semlive.cli.shared.output_path import write_text
-from semlive.cli.shared.simulated_run import run_daemon
 from semlive.cli.shared.terminal import echo
 from semlive.errors import SemliveError
 from semlive.inputs.yaml_text import read_yaml

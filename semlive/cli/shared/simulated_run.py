@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import yaml
 
+from semlive.cli.shared.daemon_process import run_daemon
 from semlive.cli.shared.simulator import running_simulator
 from semlive.errors import BadInput, SemliveError
 
@@ -45,22 +44,6 @@ def daemon_config(bench: dict[str, Any], rate: float) -> dict[str, Any]:
         **{key: section for key, section in experiment.items() if key not in ("sem", "protocol", "load_frame")},
         "protocol": protocol,
     }
-
-
-def run_daemon(config: Path, *options: str, output: IO[bytes] | None = None) -> int:
-    """Run the daemon in the foreground; the daemon handles Ctrl-C, and this process waits until it has stopped the load frame.
-
-    Args:
-        config: path of the configuration.
-        options: options of `semlive run`.
-        output: file for the messages of the daemon; None: the terminal.
-    """
-    process = subprocess.Popen([sys.executable, "-m", "semlive", "run", str(config), *options], stdout=output, stderr=output)
-    while True:
-        try:
-            return process.wait()
-        except KeyboardInterrupt:
-            continue
 
 
 def require_pairs(bench: dict[str, Any], pairs: int) -> None:

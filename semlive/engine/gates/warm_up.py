@@ -76,7 +76,7 @@ def evaluate(context: StepContext) -> None:
     elif waited_s >= rule.max_wait_s and (forecast_available or state.seconds_since(state.since_ns) >= _FORECAST_TIMEOUT_S):
         drift_text = f"is expected to be {drift.text}" if guards else "is not known"
         reason = f"after {rule.max_wait_s / 60:.0f} min of warming up the drift {drift_text}"
-        if rule.continue_after_wait:
+        if rule.continue_after_wait and state.step.load_n is None:  # only the operator decides to load a specimen that drifts
             _open(context, Cause.WARM_UP_ENDED, f"{reason}; the run continues", *guards)
         else:
             context.stop_and_transition(Cause.WARM_UP_TIMEOUT, f"{reason}; resume continues nevertheless, or stop", *guards)

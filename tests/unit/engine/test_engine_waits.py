@@ -124,6 +124,16 @@ def test_without_a_decision_the_run_continues_after_the_longest_wait() -> None:
     assert not run.accepted[-1].decision.step.warm_up
 
 
+def test_no_load_follows_without_a_decision() -> None:
+    run = settling((HERE, None), (HERE, 100.0), max_wait_s=300.0)
+    rate = 1.0
+    while run.state.state is not State.PAUSED and len(run.accepted) < 20:
+        pair(run, rate)
+        rate -= 0.02
+    assert run.state.state is State.PAUSED
+    assert run.of(RampTo) == []
+
+
 def test_without_a_forecast_the_run_continues_too() -> None:
     run = settling((HERE, None), ((6.0, 0.0), None), max_wait_s=300.0)
     run.reach(State.IMAGING)
