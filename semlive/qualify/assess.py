@@ -9,9 +9,7 @@ import numpy as np
 
 from semlive.data.diagnosis.effects import IdentifiedEffect
 from semlive.data.grid import Grid
-from semlive.data.scan import Provenance
-from semlive.diagnose.rows.series import RowSeries
-from semlive.qualify.evidence import Evidence
+from semlive.qualify.evidence import UNKNOWN_TIMES, Evidence
 from semlive.qualify.figures.distortion import DistortionDraws, distortion_results
 from semlive.qualify.figures.drift import DriftRates, decay_results, drift_rates, rate_results
 from semlive.qualify.figures.intervals import mean_interval
@@ -19,7 +17,7 @@ from semlive.qualify.figures.noise import WINDOWS, Scatter, displacement_scatter
 from semlive.qualify.figures.row_start import RowStart
 from semlive.qualify.figures.scan import STATED_TIMES, effect_figures, interval_results, peak_figure, row_results, slowest_row_time
 from semlive.qualify.figures.stage import stage_results
-from semlive.qualify.figures.waves import RowMotion, RowPairs, certain_effects, row_motion_px
+from semlive.qualify.figures.waves import RowMotion, certain_effects, row_motion_px
 from semlive.qualify.limits import REFERENCE_SHIFT_PX, Sources, largest_corrected, limits_of
 from semlive.qualify.protocol import GAUGE_PX, recommend_protocol
 from semlive.qualify.values import (
@@ -33,7 +31,6 @@ from semlive.qualify.values import (
     Undetermined,
 )
 
-UNKNOWN_TIMES = (Provenance.ASSUMED, Provenance.UNKNOWN)
 AS_STATED = (1.0, 0.0)
 """True over stated row time, and its standard uncertainty, where nothing shows that they differ."""
 PATTERN = "pattern of the first frame"
@@ -53,7 +50,7 @@ def assess(
     conditions = _conditions(evidence, source, not_paired)
     frames, within = [(pair.decision.first, pair.decision.second) for pair in evidence.pairs], [pair.within for pair in evidence.pairs]
     timed, stretch = conditions.timed, _stretch(evidence)
-    rows = row_results(evidence.rows, evidence.no_rows, _row_pairs(evidence, timed=timed), evidence.slow_wave)
+    rows = row_results(evidence.rows, evidence.no_rows, evidence.row_pairs, evidence.slow_wave)
     motion = RowMotion.of(rows, conditions.height_px)
     rates = drift_rates(frames, within, motion.mean_sigma_px)
     intervals = interval_results(frames)
@@ -145,18 +142,6 @@ def _stretch(evidence: Evidence) -> tuple[float, float]:
 def _row_effects(evidence: Evidence) -> tuple[IdentifiedEffect, ...]:
     slow = () if evidence.slow_wave is None else (evidence.slow_wave.effect,)
     return slow if evidence.rows is None else (*slow, *evidence.rows.effects)
-
-
-def _row_pairs(evidence: Evidence, *, timed: bool) -> RowPairs:
-    """Rows of the pairs that could be registered row by row."""
-    series, intervals, moved = list[RowSeries](), list[float](), list[tuple[float, float]]()
-    for pair in evidence.pairs:
-        if pair.rows is not None:
-            first, second, valid = pair.decision.first, pair.decision.second, pair.within.valid
-            series.append(pair.rows)
-            intervals.append(1e-9 * (second.start_time_ns.value - first.start_time_ns.value) if timed else 0.0)
-            moved.append((float(pair.within.u_px[valid].mean()), float(pair.within.v_px[valid].mean())))
-    return RowPairs(series, np.array(intervals), np.array(moved))
 
 
 def _settling(settling: RowStart | None, calibrated: bool) -> list[Result]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from semlive import dic, pipeline
 from semlive.data.diagnosis.channels import RowDiagnosis
 from semlive.data.diagnosis.effects import EMPTY_MODEL, IdentifiedEffect
@@ -12,6 +14,7 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import EstimateRevision
 from semlive.data.frame import Frame, PatternQuality
 from semlive.data.pair import Pair, PairDecision
+from semlive.data.scan import Provenance
 from semlive.data.settings import AnalysisSettings, DicSettings
 from semlive.diagnose.baseline.observation import baseline_solution, make_observation, step_conditions
 from semlive.diagnose.maps.verdict import diagnose
@@ -24,8 +27,10 @@ from semlive.pipeline import AnalysisState
 from semlive.qualify.figures.intervals import Interval
 from semlive.qualify.figures.noise import SUBSETS_PX, displacement_scatter, white_noise
 from semlive.qualify.figures.pixel_noise import pixel_noise
+from semlive.qualify.figures.row_response import Pattern
 from semlive.qualify.figures.slow_waves import SlowWave, slow_wave
-from semlive.qualify.figures.waves import MIN_SHARE_ADJACENT, strongest_wave_px
+from semlive.qualify.figures.wave_amplitudes import with_response
+from semlive.qualify.figures.waves import MIN_SHARE_ADJACENT, RowPairs, strongest_wave_px
 from semlive.qualify.limits import MIN_EXCESS
 
 MAX_NOISE_PAIRS = 12
@@ -33,6 +38,7 @@ MAX_NOISE_PAIRS = 12
 POINTS_PER_SUBSET = 3
 """Points along a subset in the maps of the noise; more have no new information about a scatter."""
 
+UNKNOWN_TIMES = (Provenance.ASSUMED, Provenance.UNKNOWN)
 PARTS = 4
 """Parts of the first frame along each axis, whose scatter is the uncertainty of the pattern."""
 
@@ -72,6 +78,7 @@ class Evidence:
         estimate: drift, distortion and motions of the solution.
         rows: verdict on the rows; None without one.
         no_rows: reason for a missing verdict on the rows.
+        row_pairs: rows of the pairs that could be registered row by row.
         slow_wave: wave near a multiple of the row rate that the rows do not show, if it explains the noise of the maps.
         effects: effects that the maps show beyond drift and distortion.
         no_effects: reason for a missing search of effects; empty if it was made.
@@ -87,6 +94,7 @@ class Evidence:
     estimate: EstimateRevision
     rows: RowDiagnosis | None
     no_rows: str
+    row_pairs: RowPairs
     slow_wave: SlowWave | None
     effects: tuple[IdentifiedEffect, ...]
     no_effects: str
@@ -144,7 +152,13 @@ def _by_subsets(settings: DicSettings, pair: Pair) -> DisparityMap | None:
 
 
 def conclude(
-    first: Frame, choice: dic.CorrelationChoice, state: AnalysisState, pairs: Sequence[PairMeasurement], *, search_effects: bool = True
+    first: Frame,
+    choice: dic.CorrelationChoice,
+    state: AnalysisState,
+    pairs: Sequence[PairMeasurement],
+    *,
+    search_effects: bool = True,
+    in_progress: bool = False,
 ) -> Evidence:
     """Solve for all pairs together, and search the rows and the maps for further effects.
 
@@ -154,6 +168,7 @@ def conclude(
         state: after the last pair.
         pairs: measurements of all pairs.
         search_effects: search the maps for effects beyond drift and distortion.
+        in_progress: further pairs follow; amplitudes of waves are not corrected for the response of the registration.
 
     Raises:
         IllPosed: the pairs do not determine an estimate.
@@ -167,8 +182,12 @@ def conclude(
     parts = _parts(first, replace(state.settings.dic, step_px=state.settings.dic.subset_px))
     noise = pixel_noise(first.image)
     slow = None if rows is None else _slow_wave([pair for pair in pairs if pair.rows is not None], pattern, strongest_wave_px(rows.effects))
+    row_pairs = _row_pairs(pairs)
+    if rows is not None and not in_progress:
+        correlation = replace(state.settings.dic, method=pairs[0].scattered.method)
+        row_pairs = with_response(row_pairs, rows.effects, Pattern.of(first.image, noise[0]), first.info.timing, correlation)
     return Evidence(
-        state.settings, pattern, parts, noise, choice, tuple(pairs), solution, estimate, rows, no_rows, slow, effects, no_effects
+        state.settings, pattern, parts, noise, choice, tuple(pairs), solution, estimate, rows, no_rows, row_pairs, slow, effects, no_effects
     )  # fmt: skip
 
 
@@ -179,6 +198,18 @@ def _parts(first: Frame, settings: DicSettings) -> tuple[PatternQuality, ...]:
         return ()
     corners = ((y * height, x * width) for y in range(PARTS) for x in range(PARTS))
     return tuple(dic.quality(first.image[y : y + height, x : x + width], settings=settings) for y, x in corners)
+
+
+def _row_pairs(pairs: Sequence[PairMeasurement]) -> RowPairs:
+    timed = pairs[0].decision.first.start_time_ns.source not in UNKNOWN_TIMES
+    series, intervals, moved = list[RowSeries](), list[float](), list[tuple[float, float]]()
+    for pair in pairs:
+        if pair.rows is not None:
+            first, second, valid = pair.decision.first, pair.decision.second, pair.within.valid
+            series.append(pair.rows)
+            intervals.append(1e-9 * (second.start_time_ns.value - first.start_time_ns.value) if timed else 0.0)
+            moved.append((float(pair.within.u_px[valid].mean()), float(pair.within.v_px[valid].mean())))
+    return RowPairs(series, np.array(intervals), np.array(moved))
 
 
 def _rows(series: Sequence[RowSeries]) -> tuple[RowDiagnosis | None, str]:

@@ -13,7 +13,8 @@ from semlive.data.frame import FrameInfo
 from semlive.data.scan import Provenance
 from semlive.qualify.figures.intervals import NORMAL_95, Interval, about
 from semlive.qualify.figures.slow_waves import SlowWave
-from semlive.qualify.figures.waves import MIN_SHARE, RowPairs, amplitude_interval, is_wave, stated_waves
+from semlive.qualify.figures.wave_amplitudes import amplitude_interval
+from semlive.qualify.figures.waves import MIN_SHARE, RowPairs, is_beyond_response, is_wave, stated_waves
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
 STATED_TIMES = (Provenance.FILE, Provenance.DERIVED)
@@ -77,7 +78,7 @@ def row_results(rows: RowDiagnosis | None, reason: str, pairs: RowPairs, slow: S
         if slow is not None and (effect.name == slow.effect.name or effect.peak_px < slow.effect.peak_px):
             continue
         if not is_wave(effect):
-            found += _above_share(effect_figures(effect))
+            found += _above_share(effect_figures(effect)) if is_beyond_response(effect, pairs) else []
             continue
         for wave in stated_waves(effect, effects, pairs):
             half_hz = NORMAL_95 * pairs.frequency_sigma_hz(wave.frequency)

@@ -1,4 +1,4 @@
-"""Amplitudes of waves of the rows, from the amplitude of the difference of both frames of each pair."""
+"""Waves and jitter of the rows: which of them are stated, and what they add to the uncertainty of other figures."""
 
 from __future__ import annotations
 
@@ -7,21 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from semlive.data.diagnosis.effects import IdentifiedEffect, ParameterEstimate
 from semlive.diagnose.rows.series import RowSeries
-from semlive.diagnose.rows.spectrum import Wave, fit_wave
-from semlive.qualify.figures.intervals import TAILS, Interval, quantiles
+from semlive.qualify.figures.row_response import RowResponse
 from semlive.qualify.values import Figure, Result
 
 Array = NDArray[np.float64]
-DRAWS = 2000
-MAX_COHERENT_SCATTER = 0.15
-"""Largest scatter of the differences of the pairs, relative to their mean, of a wave that continues from frame to frame. With independent
-phases it is 0.48 +- 0.08 for nine pairs.
-"""
-MIN_COHERENT_PAIRS = 4
 MIN_SHARE = 0.08
 """Smallest amplitude relative to the strongest one that is stated. A wave along y moves rows against each other, which makes waves of up to
 5 % of its amplitude at other frequencies; jitter of 0.27 px along x was measured with 0.005 px along y.
@@ -30,22 +22,18 @@ ADJACENT_LINES, MIN_SHARE_ADJACENT = 2.0, 0.5
 """Distance in the spectrum of the rows, in cycles per frame, within which part of a wave appears at another frequency, and the smallest
 share that is stated there: a vibration of 0.61 px at 37.2 Hz appeared with 0.05 px at 143.2 Hz, whose alias is 1.2 cycles away.
 """
+MIN_EXCESS, MIN_JITTER_EXCESS = 2.0, 4.0
+"""Smallest amplitude and smallest jitter relative to those which the strongest wave causes in pairs of texture. Jitter contains the waves
+that are too weak to be found: a hum of 0.32 px caused 0.017 px, and 0.006 px in texture.
+"""
 ALIAS_ERROR = 1e-3
 """Error of a frequency in widths of a spectral line, times the cycles per row of its alias. The removal of the trend over 43 rows displaces
 slow waves: 50 Hz at 3.05 cycles per row were found at 49.9994 Hz with a stated uncertainty of 0.0001 Hz and a line of 0.037 Hz.
 """
-AMPLITUDE_ERROR = 0.02
-"""Relative standard uncertainty of an amplitude that is known by its phase: 0.21 px along y were measured 2.6 % too small."""
 DRIFT_BIAS_PER_PX = 0.15
 """Standard uncertainty of the mean motion within a pair per squared amplitude of a wave, 1/px: 60 Hz with 0.21 px along y moved the mean of
 all nine pairs by 0.011 px, and 50 Hz with 0.40 px along x by 0.036 px.
 """
-AMPLITUDES, PHASES, LARGEST_RATIO, MIN_SIGMA_SHARE = 200, 256, 3.0, 0.02
-"""Amplitudes of a wave with independent phases, phases over half a turn, largest amplitude relative to the largest difference, and smallest
-standard uncertainty relative to it: differences of neighbouring phases are 0.037 of it or less.
-"""
-NOT_EXCLUDED = 0.147
-"""Likelihood of no wave, relative to the largest, above which a 95 % interval contains 0: exp(-1.96^2 / 2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,25 +50,33 @@ class StatedWave:
         return float(np.hypot(self.along_x.value, self.along_y.value))
 
 
-def _waves_of(effect: IdentifiedEffect) -> list[StatedWave]:
+def waves_of(effect: IdentifiedEffect) -> list[StatedWave]:
+    """The waves of an effect of the rows."""
     return [StatedWave(*effect.parameters[at : at + 3]) for at in range(0, len(effect.parameters) - 2, 3)]
 
 
 def stated_waves(effect: IdentifiedEffect, effects: Sequence[IdentifiedEffect], pairs: RowPairs) -> list[StatedWave]:
     """The waves of an effect that are not a consequence of the strongest wave of all effects."""
-    strongest = max((wave for one in effects if is_wave(one) for wave in _waves_of(one)), key=lambda wave: wave.size_px)
-    return [wave for wave in _waves_of(effect) if wave is strongest or _is_stated(wave, strongest, pairs)]
+    strongest = max((wave for one in effects if is_wave(one) for wave in waves_of(one)), key=lambda wave: wave.size_px)
+    return [wave for wave in waves_of(effect) if wave is strongest or _is_stated(wave, strongest, pairs)]
 
 
 def _is_stated(wave: StatedWave, strongest: StatedWave, pairs: RowPairs) -> bool:
     share = wave.size_px / strongest.size_px
     lines = abs(pairs.alias_cycles(wave.frequency.value) - pairs.alias_cycles(strongest.frequency.value))
-    return share >= (MIN_SHARE if lines > ADJACENT_LINES else MIN_SHARE_ADJACENT)
+    consequence_px = 0.0 if pairs.response is None else pairs.response.consequence_px(wave.frequency.value)
+    return share >= (MIN_SHARE if lines > ADJACENT_LINES else MIN_SHARE_ADJACENT) and wave.size_px > MIN_EXCESS * consequence_px
+
+
+def is_beyond_response(jitter: IdentifiedEffect, pairs: RowPairs) -> bool:
+    """Whether jitter of the rows is larger than that which the registration makes of the strongest wave."""
+    size_px = float(np.linalg.norm([parameter.value for parameter in jitter.parameters]))
+    return pairs.response is None or size_px > MIN_JITTER_EXCESS * float(np.linalg.norm(pairs.response.jitter_px))
 
 
 def strongest_wave_px(effects: Sequence[IdentifiedEffect]) -> float:
     """Largest amplitude of a wave of the rows; 0 without."""
-    return max((wave.size_px for effect in effects if is_wave(effect) for wave in _waves_of(effect)), default=0.0)
+    return max((wave.size_px for effect in effects if is_wave(effect) for wave in waves_of(effect)), default=0.0)
 
 
 def row_motion_px(row_effects: Sequence[IdentifiedEffect]) -> float:
@@ -150,11 +146,13 @@ class RowPairs:
         series: row series of each pair.
         interval_s: (k,) from the start of the first frame to that of the second; 0 if it is unknown.
         moved_px: (k, 2) mean motion along x and y from the first frame to the second.
+        response: of the row registration to the strongest wave; None without a wave.
     """
 
     series: Sequence[RowSeries]
     interval_s: Array
     moved_px: Array
+    response: RowResponse | None = None
 
     def frequency_sigma_hz(self, frequency: ParameterEstimate) -> float:
         """Standard uncertainty of a frequency, with the error of slow aliases."""
@@ -178,70 +176,3 @@ class RowPairs:
         per_row = frequency_hz * row_s
         alias = per_row - np.round(per_row)
         return np.asarray(frequency_hz * (self.interval_s + dwell_s * self.moved_px[:, 0]) + alias * self.moved_px[:, 1])
-
-
-def amplitude_interval(axis: int, frequency: ParameterEstimate, pairs: RowPairs, in_maps: Wave | None = None) -> Interval:
-    """Amplitude of a wave along one axis with its 95 % interval.
-
-    A wave that continues from frame to frame has almost the same phase difference in all pairs, from which nothing but the interval of the
-    frames determines its amplitude; without it the stated 0.15 to 0.31 px did not contain a hum of 0.5 px. One with other phase differences
-    has the posterior of `_independent`.
-
-    Args:
-        axis: 0 along x, 1 along y.
-        frequency: of the wave, Hz.
-        pairs: rows of the pairs.
-        in_maps: the wave in the maps within the pairs; None for that in their rows.
-    """
-    wave = in_maps or fit_wave(pairs.series, frequency.value)
-    size, noise = np.abs(wave.amplitude), wave.sigma_px * np.sqrt(2.0)
-    factor = _factor(pairs.turns(frequency.value), wave.frames)
-    stronger = int(np.argmax(size.mean(axis=0)))
-    relative = size[:, stronger] / np.maximum(factor, 1e-3)
-    coherent = (
-        len(size) >= MIN_COHERENT_PAIRS
-        and bool(np.all(pairs.interval_s > 0.0))
-        and np.std(relative) <= MAX_COHERENT_SCATTER * np.mean(relative)
-    )
-    if not coherent:
-        return _independent(size[:, axis], np.hypot(wave.sigma_px[:, axis], AMPLITUDE_ERROR * size[:, axis]), wave.frames)
-    rng = np.random.default_rng(5)
-    sigma_hz = pairs.frequency_sigma_hz(frequency) if in_maps is None else frequency.sigma
-    frequencies = frequency.value + sigma_hz * rng.standard_normal(DRAWS)
-    factors = np.stack([_factor(pairs.turns(one), wave.frames) for one in frequencies])
-    square = np.mean(np.maximum(size[:, axis] ** 2 - noise[:, axis] ** 2, 0.0))
-    error = float(np.sqrt(np.mean(noise[:, axis] ** 2) / len(size)))
-    error = float(np.hypot(error, AMPLITUDE_ERROR * np.sqrt(square)))
-    drawn = np.abs(np.sqrt(square) + error * rng.standard_normal(DRAWS)) / np.sqrt(np.mean(factors**2, axis=1))
-    value, low, high = quantiles(drawn)
-    return value, 0.0 if square <= (2.0 * error) ** 2 else low, high
-
-
-def _independent(size: Array, sigma: Array, frames: Array) -> Interval:
-    """Amplitude of a wave with independent phases, with its 95 % interval.
-
-    The size of a difference is the amplitude times a factor of 0 to 2 that follows from the phase difference, which is uniform, with noise.
-    Sizes close to the largest possible one are frequent, so that the largest size determines the amplitude better than their mean does: a
-    vibration of 0.61 px was stated as 0.36 to 0.57 px from the mean square of nine pairs.
-
-    Args:
-        size: (k,) amplitude of the difference of each pair, px.
-        sigma: (k,) standard uncertainty of its sine and cosine, px.
-        frames: (k,) number of frames whose wave power each pair contains.
-    """
-    sigma = np.maximum(sigma, MIN_SIGMA_SHARE * size.max())
-    amplitude = np.linspace(0.0, LARGEST_RATIO * float(size.max()), AMPLITUDES)
-    factors = np.stack([_factor(np.full(len(frames), turn), frames) for turn in (np.arange(PHASES) + 0.5) / (2.0 * PHASES)])
-    true = amplitude[:, None, None] * factors  # (amplitudes, phases, pairs)
-    # Rice's density; the scaled Bessel function contains the exponential of the product.
-    log_density = np.log(special.ive(0, size * true / sigma**2)) - 0.5 * ((size - true) / sigma) ** 2
-    log_likelihood = special.logsumexp(log_density, axis=1).sum(axis=1)
-    weight = np.exp(log_likelihood - log_likelihood.max())
-    value, low, high = (float(np.interp(share, np.cumsum(weight) / weight.sum(), amplitude)) for share in (0.5, *TAILS))
-    return value, 0.0 if weight[0] > NOT_EXCLUDED else low, high
-
-
-def _factor(turns: Array, frames: Array) -> Array:
-    """(k,) amplitude of the difference of two frames, the second interpolated, per amplitude of the wave."""
-    remaining = np.sqrt(np.maximum(frames - 1.0, 0.0))
-    return np.sqrt(np.maximum(1.0 + remaining**2 - 2.0 * remaining * np.cos(2.0 * np.pi * turns), 0.0))

@@ -129,7 +129,7 @@ def _measured(request: QualifyRequest, watch: Watch, report: Callable[[Progress]
         measured.commands.append(pair.decision.step.shift_px if given.shifted else None)
         watch("pair", number + 1, max(given.count, number + 1))
         if request.follow:
-            progress = _progress(_assessed(measured, search_effects=False).found, measured.pairs, given.count)
+            progress = _progress(_assessed(measured, search_effects=False, in_progress=True).found, measured.pairs, given.count)
             if report is not None:
                 report(progress)
             if not progress.needs:
@@ -175,10 +175,12 @@ def _numbered(pair: Pair, number: int) -> Pair:
     )
 
 
-def _assessed(measured: _Measured, *, search_effects: bool) -> SetupMeasurement:
+def _assessed(measured: _Measured, *, search_effects: bool, in_progress: bool = False) -> SetupMeasurement:
     assert measured.state is not None  # after a pair
     try:
-        evidence = conclude(measured.first, measured.choice, measured.state, measured.pairs, search_effects=search_effects)
+        evidence = conclude(
+            measured.first, measured.choice, measured.state, measured.pairs, search_effects=search_effects, in_progress=in_progress
+        )
     except IllPosed as error:
         raise BadInput(f"{measured.source}: {error}") from error
     found = assess(evidence, measured.source.resolve().name, measured.given.not_paired, measured.commands)

@@ -8,7 +8,8 @@ import pytest
 from semlive.data.diagnosis.effects import IdentifiedEffect, ModelEffect, ParameterEstimate
 from semlive.diagnose.rows.series import RowSeries
 from semlive.qualify.figures.scan import peak_figure
-from semlive.qualify.figures.waves import RowMotion, RowPairs, amplitude_interval, certain_effects, stated_waves
+from semlive.qualify.figures.wave_amplitudes import amplitude_interval
+from semlive.qualify.figures.waves import RowMotion, RowPairs, certain_effects, stated_waves
 from semlive.qualify.values import Figure
 
 ROWS, ROW_S, DWELL_S, INTERVAL_S, MAINS_HZ = 400, 0.061, 1e-4, 27.362, 50.0
