@@ -184,7 +184,7 @@ def conclude(
     slow = None if rows is None else _slow_wave([pair for pair in pairs if pair.rows is not None], pattern, strongest_wave_px(rows.effects))
     row_pairs = _row_pairs(pairs)
     if rows is not None and not in_progress:
-        correlation = replace(state.settings.dic, method=pairs[0].scattered.method)
+        correlation = replace(state.settings.dic, method=pairs[0].within.method)
         row_pairs = with_response(row_pairs, rows.effects, Pattern.of(first.image, noise[0]), first.info.timing, correlation)
     return Evidence(
         state.settings, pattern, parts, noise, choice, tuple(pairs), solution, estimate, rows, no_rows, row_pairs, slow, effects, no_effects

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from semlive import dic
+from semlive.data.disparity import DisparityMap
+from semlive.data.grid import Grid
 from semlive.data.scan import ScanTiming
 from semlive.data.settings import DicSettings
 from semlive.diagnose.rows.jitter import common_row_variance
@@ -226,8 +228,9 @@ class _Scene:
         row_s, dwell_s = self.timing.row_time_s.value, self.timing.dwell_time_s.value
         rows, columns = np.indices(shape, dtype=np.float64)
         wave = np.exp(2j * np.pi * self.frequency_hz * (row_s * rows + dwell_s * columns))
-        # The phase difference is that of points of the specimen, which are scanned later in the second frame.
-        later = np.exp(-2j * np.pi * self.frequency_hz * (row_s * moved_px[1] + dwell_s * moved_px[0]))
+        # The phase difference is that of points of the specimen, which are at other places in the second frame; rows sample the wave.
+        per_row = self.frequency_hz * row_s - np.round(self.frequency_hz * row_s)
+        later = np.exp(-2j * np.pi * (per_row * moved_px[1] + self.frequency_hz * dwell_s * moved_px[0]))
         texture, still = self.pattern.texture(rng), np.stack((columns, rows))
         images = [
             self.pattern.frame(texture, still - moved[:, None, None] + (amplitude[:, None, None] * wave).real, rng)
@@ -235,8 +238,14 @@ class _Scene:
         ]
         try:
             grid = dic.grid_for(self.settings, shape[1], shape[0])
-            prepared = dic.prepare(images[0], grid, self.settings)
-            disparity = dic.correlate(prepared, images[1], self.settings, reference_frame=0, current_frame=1)
-            return register_rows(images[0], images[1], disparity, self.timing)
+            return register_rows(images[0], images[1], self._map(images, grid, moved_px), self.timing)
         except BadInput:
             return None
+
+    def _map(self, images: Sequence[Image], grid: Grid, moved_px: Array) -> DisparityMap:
+        """Map of a pair. A field of the global method, whose knots are 16 px apart or more, follows no wave that the rows show."""
+        if self.settings.method == "global":
+            zero, (u_px, v_px) = np.zeros(grid.shape), moved_px
+            return DisparityMap(0, 1, grid, zero + u_px, zero + v_px, zero + 1e-3, zero + 1e-3, zero + 1.0, zero.astype(np.uint8))
+        prepared = dic.prepare(images[0], grid, self.settings)
+        return dic.correlate(prepared, images[1], self.settings, reference_frame=0, current_frame=1)
