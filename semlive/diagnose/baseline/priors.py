@@ -71,6 +71,7 @@ class PriorCache:
         cached: priors with the distortion of the first choice; the cache saves a seventh of the time of a verdict.
         half_log_dets: half the log determinants of the parts of a prior, which are independent of each other. There are three
             distortions for a dozen drifts; factorising each combination took a twelfth of the time of a verdict.
+        distortions: precisions of the distortion alone by its roughness factor, without the gauge.
     """
 
     observation: Observation
@@ -79,6 +80,7 @@ class PriorCache:
     gauge: Array
     cached: dict[DriftPrior, BaselinePrior] = field(default_factory=dict)
     half_log_dets: dict[tuple[str, DriftPrior | float | None], float] = field(default_factory=dict)
+    distortions: dict[float, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, observation: Observation, retained: NDArray[np.int64]) -> PriorCache:
@@ -105,7 +107,7 @@ class PriorCache:
 
     def _evaluate(self, drift: DriftPrior, roughness_factor: float) -> BaselinePrior:
         hyper = self._hyper(drift, roughness_factor)
-        precision = self._with_distortion(drift, hyper) if roughness_factor != 1.0 else self._complete(drift, hyper)
+        precision = self._with_distortion(drift, roughness_factor, hyper) if roughness_factor != 1.0 else self._complete(drift, hyper)
         half_log_det = sum(
             self._half_log_det(precision, part, key) for part, key in (("distortion", roughness_factor), ("drift", drift), ("others", None))
         )
@@ -132,12 +134,14 @@ class PriorCache:
         precision += self.gauge
         return precision
 
-    def _with_distortion(self, drift: DriftPrior, hyper: Hyperparameters) -> Array:
+    def _with_distortion(self, drift: DriftPrior, roughness_factor: float, hyper: Hyperparameters) -> Array:
         """Precision that differs from the cached one of this drift in the distortion only."""
         precision, part = self.prior(drift, 1.0).precision.copy(), self._part("distortion")
-        block = smoothness_precision(self.observation.state.distortion, hyper.distortion)
-        block[np.diag_indices_from(block)] += WIDEST_PX**-2.0
-        precision[part, part] = block + self.gauge[part, part]
+        if roughness_factor not in self.distortions:
+            block = smoothness_precision(self.observation.state.distortion, hyper.distortion)
+            block[np.diag_indices_from(block)] += WIDEST_PX**-2.0
+            self.distortions[roughness_factor] = block
+        np.add(self.distortions[roughness_factor], self.gauge[part, part], out=precision[part, part])
         return precision
 
     def _part(self, name: str) -> slice:

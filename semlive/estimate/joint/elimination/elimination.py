@@ -245,7 +245,8 @@ def _eliminated(
     for strand, stop in zip(splines, past, strict=True):
         out |= np.isin(codes, strand.codes(0, stop))
     factor = cholesky(regularise(own[np.ix_(out, out)]))
-    solved = forward_substitution(factor, np.concatenate((own[np.ix_(out, ~out)], to_border[out], pull[out, None]), axis=1))
+    right = np.concatenate((own[np.ix_(out, ~out)], to_border[out], pull[out, None]), axis=1)
+    solved = np.asfortranarray(forward_substitution(factor, right))  # its parts are contiguous, as a storage needs them
     remaining = int((~out).sum())
     step = EliminationStep(pair, codes[out], codes[~out], factor, solved[:, :remaining], solved[:, remaining:-1], solved[:, -1])
     border_pull -= step.to_border.T @ step.pull
