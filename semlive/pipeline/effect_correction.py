@@ -18,7 +18,14 @@ from semlive.data.pair import PairDecision
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import Tensor2
 from semlive.diagnose.baseline.model_effects import effect_displacement, interpolate_to_grid, observable_effects, subtract_effects
-from semlive.diagnose.baseline.observation import Observation, StepConditions, baseline_solution, make_observation, step_conditions
+from semlive.diagnose.baseline.observation import (
+    Observation,
+    StepConditions,
+    baseline_solution,
+    make_observation,
+    rows_from_frame_0,
+    step_conditions,
+)
 from semlive.diagnose.maps.relinearise import choose_coupling
 from semlive.diagnose.scalars.load_cell import LoadReadings, load_offsets, load_readings
 from semlive.errors import IllPosed
@@ -107,6 +114,7 @@ def fit_effect_correction(
         state = estimate.update(state, one.decision.pair, one.decision.step.phase, one.times, one.maps)
     try:
         steps = step_conditions([one.decision for one in measured])
+        rows_from_frame_0(state, steps)  # a solution of too few pairs, which takes seconds, would not be used
         solution, other = baseline_solution(state)
         observation = make_observation(solution, steps, other)
     except IllPosed as error:

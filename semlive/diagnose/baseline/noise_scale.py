@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid
 from semlive.diagnose.baseline.design_matrix import DesignMatrix, design
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window, rough_cholesky
+from semlive.kernels.linear_algebra import forward_substitution
 from semlive.model.effects import RunGeometry
 
 Array = NDArray[np.float64]
@@ -62,9 +62,7 @@ def residual_scale(baseline: HyperparameterGrid, rough: Array) -> float:
     """Root mean square of the rough part of the residual relative to that of unit noise."""
     columns, residual = baseline.design, baseline.residual()
     f, b, _ = residual.shape
-    to_rough = solve_triangular(
-        rough_cholesky(columns.whiten.factor, rough), rough.T @ columns.whiten.factor, lower=True, check_finite=False
-    )
+    to_rough = forward_substitution(rough_cholesky(columns.whiten.factor, rough), rough.T @ columns.whiten.factor)
     residuals = to_rough @ residual
     explained = 0.0
     for axis in (0, 1):

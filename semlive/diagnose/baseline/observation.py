@@ -147,17 +147,7 @@ def make_observation(solution: Solution, steps: Sequence[StepConditions], altern
     """
     state = solution.state
     frames = np.array([2 * step.pair + member for step in steps for member in (0, 1)])
-    rows_by_frame = {map_rows.current: map_rows for map_rows in state.rows if map_rows.reference == 0 and map_rows.weight.any()}
-    missing = [int(frame) for frame in frames if frame and frame not in rows_by_frame]
-    if missing:
-        raise IllPosed(f"no map from frame 0 to frame {missing[0]}: diagnosis needs one to every frame of a run")
-    rows = tuple(rows_by_frame[int(frame)] for frame in frames if frame)
-    used = np.flatnonzero(np.all([map_rows.weight.all(axis=1) for map_rows in rows], axis=0)) if rows else np.zeros(0, dtype=np.int64)
-    if len(steps) < MIN_PAIRS or len(used) < MIN_BLOCKS:
-        raise IllPosed(
-            f"{len(steps)} pairs with {len(used)} blocks of points common to all of them are too few to identify an effect; "
-            f"diagnosis needs at least {MIN_PAIRS} pairs and {MIN_BLOCKS} blocks"
-        )
+    rows, used = rows_from_frame_0(state, steps)
     disparity = np.concatenate((np.zeros((1, len(used), 2)), np.stack([map_rows.disparity_px[used] for map_rows in rows])))
     # Effects are predicted from the estimated disparity: sin(2 pi U) of a measured U would be correlated with the noise of U.
     predicted_px = np.concatenate(
@@ -169,6 +159,27 @@ def make_observation(solution: Solution, steps: Sequence[StepConditions], altern
     composed = np.array([False, *(map_rows.dmap.intermediate == map_rows.current - 1 for map_rows in rows)])
     scene = _scene(solution, steps, frames, position, predicted_px, composed)
     return Observation(state, solution, rows, used, disparity, scene, tuple(steps), alternative)
+
+
+def rows_from_frame_0(state: EstimatorState, steps: Sequence[StepConditions]) -> tuple[tuple[MapObservations, ...], NDArray[np.int64]]:
+    """The maps from frame 0 to every other frame, and the blocks contained in every map. A solution changes neither.
+
+    Raises:
+        IllPosed: a map is missing, or there are too few pairs or points to identify an effect.
+    """
+    rows_by_frame = {map_rows.current: map_rows for map_rows in state.rows if map_rows.reference == 0 and map_rows.weight.any()}
+    frames = [frame for step in steps for frame in (2 * step.pair, 2 * step.pair + 1) if frame]
+    missing = [frame for frame in frames if frame not in rows_by_frame]
+    if missing:
+        raise IllPosed(f"no map from frame 0 to frame {missing[0]}: diagnosis needs one to every frame of a run")
+    rows = tuple(rows_by_frame[frame] for frame in frames)
+    used = np.flatnonzero(np.all([map_rows.weight.all(axis=1) for map_rows in rows], axis=0)) if rows else np.zeros(0, dtype=np.int64)
+    if len(steps) < MIN_PAIRS or len(used) < MIN_BLOCKS:
+        raise IllPosed(
+            f"{len(steps)} pairs with {len(used)} blocks of points common to all of them are too few to identify an effect; "
+            f"diagnosis needs at least {MIN_PAIRS} pairs and {MIN_BLOCKS} blocks"
+        )
+    return rows, used
 
 
 def step_conditions(decisions: Sequence[PairDecision], hold_s: float = HOLD_S) -> tuple[StepConditions, ...]:

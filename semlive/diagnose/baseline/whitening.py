@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from semlive.data.grid import Grid
 from semlive.estimate.joint.observations.block_means import Blocks
+from semlive.kernels.linear_algebra import cholesky, forward_substitution
 from semlive.mechanics.correlation_length import window_correlation
 
 OTHER_LENGTHS, OTHER_WINDOWS = 6, (0.0, 0.45, 1.0)  # lengths beyond the subset, and Gaussian shares of windows
@@ -104,15 +104,14 @@ def make_whitener(grid: Grid, used: NDArray[np.int64], length_px: float, sigma_p
         gaussian: share of a Gaussian in the window of the subsets, 0 to 1; see `window_correlation`.
     """
     factor = _factor(grid, used, (length_px, gaussian))
-    inverse = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
-    return Whitener(factor, np.asarray(inverse), sigma_px)
+    return Whitener(factor, forward_substitution(factor, np.eye(len(factor))), sigma_px)
 
 
 def _factor(grid: Grid, used: NDArray[np.int64], window: tuple[float, float]) -> NDArray[np.float64]:
     """(b, b) lower Cholesky factor of the correlation of block means for a window of given length and shape."""
     correlation = block_correlation(grid, *window)[np.ix_(used, used)]
     root = np.sqrt(np.diag(correlation))
-    return np.asarray(np.linalg.cholesky(correlation / np.outer(root, root)), dtype=np.float64)
+    return cholesky(correlation / np.outer(root, root))
 
 
 def block_correlation(grid: Grid, length_px: float, gaussian: float = 0.0) -> NDArray[np.float64]:
@@ -148,7 +147,7 @@ def most_likely_window(
             factor = rough_cholesky(_factor(grid, used, (length_px, gaussian)), rough)
         except np.linalg.LinAlgError:  # a window much longer than the blocks: singular in double precision
             return -np.inf
-        white = solve_triangular(factor, flat, lower=True, check_finite=False)
+        white = forward_substitution(factor, flat)
         volume = flat.shape[1] * float(np.sum(np.log(np.diag(factor))))
         return -0.5 * white.size * float(np.log(float(np.mean(white**2)) or 1e-300)) - volume
 
@@ -166,7 +165,7 @@ def most_likely_window(
 def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> NDArray[np.float64]:
     """(k, k) lower Cholesky factor, in the space of (b, k) orthonormal columns, of noise with a (b, b) factor of its correlation."""
     half = rough.T @ factor
-    return np.asarray(np.linalg.cholesky(half @ half.T), dtype=np.float64)
+    return cholesky(half @ half.T)
 
 
 def _along(position: NDArray[np.float64], member: NDArray[np.int64], count: int, window: tuple[float, float]) -> NDArray[np.float64]:

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from semlive.diagnose.baseline.projection import WhitenedColumns
 from semlive.estimate.joint.elimination.arrowhead import ComponentBlocks
+from semlive.kernels.linear_algebra import cholesky, forward_substitution
 
 Array = NDArray[np.float64]
 MIN_COLUMNS = 64  # eigenvectors of fewer are as fast
@@ -70,12 +70,14 @@ def _log_factor(sides: list[tuple[Array, Array]], shared: int, size_px: float) -
     """(n,) log Bayes factors for one size, from the information on each axis, its coupling to the border and the gradients."""
     volume, products = 0.0, np.zeros((sides[0][1].shape[1],) * 2)
     for information, right in sides:
-        low = np.linalg.cholesky(np.eye(len(information)) + size_px**2 * information)
-        solved = solve_triangular(low, size_px * right, lower=True, check_finite=False)
+        scaled = size_px**2 * information
+        np.einsum("ii->i", scaled)[...] += 1.0
+        low = cholesky(scaled)
+        solved = forward_substitution(low, size_px * right)
         volume += float(np.sum(np.log(np.diag(low))))
         products += solved.T @ solved
     # The parameters that act on both axes reduce the information by the product of the coupling with itself.
-    low = np.linalg.cholesky(np.eye(shared) - products[:shared, :shared])
-    further = solve_triangular(low, products[:shared, shared:], lower=True, check_finite=False)
+    low = cholesky(np.eye(shared) - products[:shared, :shared])
+    further = forward_substitution(low, products[:shared, shared:])
     fit = np.diag(products)[shared:] + np.sum(further**2, axis=0)
     return np.asarray(0.5 * fit - volume - float(np.sum(np.log(np.diag(low)))))

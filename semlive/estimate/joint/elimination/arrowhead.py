@@ -14,6 +14,8 @@ from scipy.linalg import LinAlgError, cho_solve, get_lapack_funcs, solve_triangu
 
 from semlive.errors import IllPosed
 from semlive.estimate.joint.observations.state import EstimatorState
+from semlive.kernels import linear_algebra
+from semlive.kernels.linear_algebra import forward_substitution
 from semlive.model import MotionKind
 
 ROUNDING = 1e-14
@@ -79,7 +81,7 @@ class ArrowheadFactor:
     def half(self, right: Matrix) -> Matrix:
         """(n,) or (n, k) forward substitution in the order x, y, shared. The product of two results is a quadratic form of the inverse."""
         ahead, remainder = self._ahead(right)
-        return np.concatenate((*ahead, solve_triangular(self.border, remainder, lower=True, check_finite=False)))
+        return np.concatenate((*ahead, forward_substitution(self.border, remainder)))
 
     def solve(self, right: Matrix) -> Matrix:
         """(n,) or (n, k) solution."""
@@ -95,6 +97,20 @@ class ArrowheadFactor:
         """Forward substitution of both blocks, and the remaining right side of the border."""
         ahead = [_half(low, right[at]) for low, at in zip(self.block, self.sides.own, strict=True)]
         return ahead, right[self.sides.shared] - sum(join.T @ value for join, value in zip(self.coupling, ahead, strict=True))
+
+    def trace_of_inverse_with(self, other: Matrix) -> float:
+        """Trace of the inverse times another symmetric arrowhead matrix (n, n), whose blocks of x and y are not coupled either.
+
+        The blocks of the inverse between x and y, and the order of its parameters, are not needed: a third of the time of the inverse.
+        """
+        shared, border = self.sides.shared, inverse(self.border)
+        total = float(np.vdot(border, other[np.ix_(shared, shared)]))
+        for low, join, at in zip(self.block, self.coupling, self.sides.own, strict=True):
+            reach = solve_triangular(low, join, lower=True, trans=1, check_finite=False)
+            through, coupled = reach @ border, other[np.ix_(at, shared)]
+            own = other[np.ix_(at, at)]
+            total += float(np.vdot(inverse(low), own)) + float(np.vdot(own @ reach - 2.0 * coupled, through))
+        return total
 
     def inverse(self) -> Matrix:
         """(n, n) inverse, symmetric."""
@@ -119,9 +135,12 @@ class ArrowheadFactor:
 def _half(low: Matrix, right: Matrix) -> Matrix:
     """Triangular solution that skips right sides equal to zero, such as those of the other component."""
     if right.ndim == 1 or not right.size:
-        return np.asarray(solve_triangular(low, right, lower=True, check_finite=False))
-    found, nonzero = np.zeros_like(right), right.any(axis=0)
-    found[:, nonzero] = solve_triangular(low, right[:, nonzero], lower=True, check_finite=False)
+        return forward_substitution(low, right)
+    nonzero = right.any(axis=0)
+    if nonzero.all():
+        return forward_substitution(low, right)
+    found = np.zeros_like(right)
+    found[:, nonzero] = forward_substitution(low, right[:, nonzero])
     return found
 
 
@@ -139,8 +158,8 @@ def factorise(precision: Matrix, where: ComponentBlocks, rounding: float = ROUND
     block, joined = [], []
     border = regularise(precision[np.ix_(where.shared, where.shared)], rounding)
     for at in where.own:
-        low = cholesky(regularise(precision[np.ix_(at, at)], rounding))
-        join = solve_triangular(low, precision[np.ix_(at, where.shared)], lower=True, check_finite=False)
+        low = _cholesky_of_rows(precision, at, rounding)
+        join = forward_substitution(low, precision[np.ix_(at, where.shared)])
         border -= join.T @ join
         block.append(low)
         joined.append(join)
@@ -161,18 +180,15 @@ def marginalise(
         out, touched = at[eliminated[at]], np.concatenate((at[stay[at]], where.shared))
         if not out.size:
             continue
-        low = cholesky(regularise(precision[np.ix_(out, out)]))
         right = np.column_stack((precision[np.ix_(out, touched)], pull[out]))
-        join = solve_triangular(low, right, lower=True, check_finite=False)
+        join = forward_substitution(_cholesky_of_rows(precision, out), right)
         inside = place[touched]
         reduced[np.ix_(inside, inside)] -= join[:, :-1].T @ join[:, :-1]
         gradient[inside] -= join[:, :-1].T @ join[:, -1]
     count = int(stay.sum())
     if shared_gone.size:
         shared = reduced[count:, count:] + np.diag(ROUNDING * np.diag(precision)[shared_gone])
-        join = solve_triangular(
-            cholesky(shared), np.column_stack((reduced[count:, :count], gradient[count:])), lower=True, check_finite=False
-        )
+        join = forward_substitution(cholesky(shared), np.column_stack((reduced[count:, :count], gradient[count:])))
         return reduced[:count, :count] - join[:, :-1].T @ join[:, :-1], gradient[:count] - join[:, :-1].T @ join[:, -1]
     return reduced[:count, :count], gradient[:count]
 
@@ -184,11 +200,17 @@ def cholesky(precision: Matrix) -> Matrix:
         IllPosed: the matrix is not finite or not positive definite.
     """
     try:
-        if np.isfinite(precision).all():
-            return np.asarray(np.linalg.cholesky(precision), dtype=np.float64)
+        return linear_algebra.cholesky(precision)
     except LinAlgError as error:
         raise _unknown() from error
-    raise _unknown()
+
+
+def _cholesky_of_rows(precision: Matrix, at: Indices, rounding: float = ROUNDING) -> Matrix:
+    """Lower Cholesky factor of the block of the parameters `at`, regularised."""
+    try:
+        return linear_algebra.cholesky_of_rows(precision, at, 1.0 + rounding)
+    except LinAlgError as error:
+        raise _unknown() from error
 
 
 def inverse(factor: Matrix) -> Matrix:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import get_blas_funcs, solve_triangular
+from scipy.linalg import get_blas_funcs
 
 from semlive.estimate.joint.elimination.arrowhead import cholesky, regularise
 from semlive.estimate.joint.elimination.pair_information import (
@@ -47,6 +47,7 @@ from semlive.estimate.joint.elimination.shared_parameters import (
 from semlive.estimate.joint.observations.priors import Hyperparameters
 from semlive.estimate.joint.observations.state import EstimatorState
 from semlive.estimate.storage import IN_MEMORY, Storage
+from semlive.kernels.linear_algebra import forward_substitution
 
 ROWS_PER_BATCH = 256  # rows by which the border is brought up to date at once, which takes a third of the time of one pair after another
 
@@ -244,9 +245,8 @@ def _eliminated(
     for strand, stop in zip(splines, past, strict=True):
         out |= np.isin(codes, strand.codes(0, stop))
     factor = cholesky(regularise(own[np.ix_(out, out)]))
-    solved = solve_triangular(
-        factor, np.concatenate((own[np.ix_(out, ~out)], to_border[out], pull[out, None]), axis=1), lower=True, check_finite=False
-    )
+    right = np.concatenate((own[np.ix_(out, ~out)], to_border[out], pull[out, None]), axis=1)
+    solved = np.asfortranarray(forward_substitution(factor, right))  # its parts are contiguous, as a storage needs them
     remaining = int((~out).sum())
     step = EliminationStep(pair, codes[out], codes[~out], factor, solved[:, :remaining], solved[:, remaining:-1], solved[:, -1])
     border_pull -= step.to_border.T @ step.pull

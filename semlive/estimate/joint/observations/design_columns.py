@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.estimate.joint.observations.block_means import BlockColumns, PackedColumns, StoredColumns, block_columns, contiguous_slice
+from semlive.estimate.joint.observations.block_means import BlockColumns, PackedColumns, StoredColumns, contiguous_slice, own_columns
 from semlive.estimate.joint.observations.state import NO_START_TIME_ERRORS, EstimatorState, ManyColumns, MapObservations
 from semlive.model import Axis, FrameObservation, Layout, StartTimeErrors
 
@@ -60,13 +60,11 @@ def columns_of(state: EstimatorState, rows: MapObservations, about: NDArray[np.f
         return [*_unpacked(rows.difference_columns), *late]
     layout = state.layout
     ideal = rows.position_px + (evaluated(layout, _unpacked(rows.reference_columns), about, blocks) if about.size else 0.0)
-    nowhere, every = np.zeros(0), np.arange(blocks)
+    nowhere = np.zeros(0)
     pair = rows.current // 2
     turn_rad = state.motions.turn_rad(pair, about[layout.part("motion")]) if about.size else 0.0
     observation = FrameObservation(rows.current, pair, nowhere, nowhere, nowhere, ideal, turn_rad)
-    moving = [
-        block_columns(effect.name, part, every, blocks) for effect in (state.axes, state.motions) for part in effect.columns(observation)
-    ]
+    moving = [own_columns(effect.name, part) for effect in (state.axes, state.motions) for part in effect.columns(observation)]
     return [*_unpacked(rows.difference_columns), *late, *moving]
 
 
@@ -74,11 +72,9 @@ def _start_time_columns(state: EstimatorState, rows: MapObservations) -> list[Bl
     """Columns of the start-time error of the second frame of a pair."""
     if not state.start_time_errors.size or not rows.weight.any():
         return []
-    every, nowhere = np.arange(len(rows.position_px)), np.zeros(len(rows.position_px))
+    nowhere = np.zeros(len(rows.position_px))
     observation = FrameObservation(rows.current, rows.current // 2, nowhere, nowhere, nowhere)
-    return [
-        block_columns(state.start_time_errors.name, column, every, len(every)) for column in state.start_time_errors.columns(observation)
-    ]
+    return [own_columns(state.start_time_errors.name, column) for column in state.start_time_errors.columns(observation)]
 
 
 def with_rates(state: EstimatorState, given: StartTimeErrors = NO_START_TIME_ERRORS) -> EstimatorState:

@@ -220,13 +220,9 @@ def prior_precision(state: EstimatorState, hyper: Hyperparameters) -> NDArray[np
     layout = state.layout
     total = np.zeros((layout.size, layout.size))
     for effect, kinds in ((state.distortion, hyper.distortion), (state.drift, hyper.drift)):
-        if effect is None:
-            continue
-        part = layout.part(effect.name)
-        base = effect.roughness() * BASE_PX**-2.0
-        for axis, kind in enumerate(kinds):
-            component = slice(part.start + axis, part.stop, 2)
-            total[component, component] += base + kind.roughness(effect)
+        if effect is not None:
+            part = layout.part(effect.name)
+            total[part, part] = smoothness_precision(effect, kinds)
     for change, size_px in zip(state.raster, hyper.raster_px, strict=False):
         part = layout.part(change.name)
         total[part, part] += raster_prior(change, size_px)
@@ -234,6 +230,15 @@ def prior_precision(state: EstimatorState, hyper: Hyperparameters) -> NDArray[np
     total[at, at] = hyper.rotation_rad**-2.0
     lines = np.arange(*layout.part("line_shift").indices(layout.size))
     total[lines, lines] = hyper.row_shift_px**-2.0 if lines.size else 0.0
+    return total
+
+
+def smoothness_precision(effect: DriftSpline | DistortionSpline, kinds: Sequence[Smoothness]) -> NDArray[np.float64]:
+    """(m, m) prior precision of drift or distortion, for the smoothness of each component."""
+    total = np.zeros((effect.size, effect.size))
+    base = effect.roughness() * BASE_PX**-2.0
+    for axis, kind in enumerate(kinds):
+        total[axis::2, axis::2] = base + kind.roughness(effect)
     return total
 
 

@@ -129,7 +129,7 @@ def _concluded(
 ) -> Solution:
     while True:
         mean, factor = _posterior_about(state, data, prior_precision(state, hyper) + gauge, hyper.noise_scale)
-        scale, floor_px = estimated_noise(state, data.precision, hyper, mean, factor.inverse(), MIN_FINAL_BLOCK_NOISE_PX)
+        scale, floor_px = estimated_noise(state, data.precision, hyper, mean, factor, MIN_FINAL_BLOCK_NOISE_PX)
         if scale > 0.5 * hyper.noise_scale:
             return posterior_from_elimination(eliminate_all(state, hyper, mean), terms, floor_px)
         hyper = replace(hyper, noise_scale=scale)  # the noise may be below the floor used for selection
@@ -190,7 +190,7 @@ def _fitted(state: EstimatorState, hyper: Hyperparameters, gauge: NDArray[np.flo
     data = LocalLikelihood(marginal(state)[0], gradient(state, near), near)
     for choose in (None, maximise_evidence, None):
         mean, factor = _posterior_about(state, data, prior_precision(state, hyper) + gauge, hyper.noise_scale)
-        scale, _ = estimated_noise(state, data.precision, hyper, mean, factor.inverse())
+        scale, _ = estimated_noise(state, data.precision, hyper, mean, factor)
         hyper = replace(hyper, noise_scale=scale)
         hyper = choose(state, data, hyper, gauge) if choose else hyper
     mean, _ = _posterior_about(state, data, prior_precision(state, hyper) + gauge, hyper.noise_scale)
@@ -291,7 +291,7 @@ def _first_mean(state: EstimatorState, start: Hyperparameters, gauge: NDArray[np
     for _ in range(MAX_INITIAL_ITERATIONS):
         data = LocalLikelihood(precision, gradient(state, mean), mean)
         mean, factor = _posterior_about(state, data, prior, scale)
-        found, _ = estimated_noise(state, precision, replace(start, noise_scale=scale), mean, factor.inverse())
+        found, _ = estimated_noise(state, precision, replace(start, noise_scale=scale), mean, factor)
         if found < NOISE_SCALE_JUMP * scale:
             break
         scale = found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive.estimate.joint.elimination.arrowhead import ArrowheadFactor
 from semlive.estimate.joint.observations.block_means import Blocks
 from semlive.estimate.joint.observations.design_columns import predicted
 from semlive.estimate.joint.observations.priors import Hyperparameters
@@ -34,7 +35,7 @@ def estimated_noise(
     precision: NDArray[np.float64],
     hyper: Hyperparameters,
     mean: NDArray[np.float64],
-    covariance: NDArray[np.float64],
+    factor: ArrowheadFactor,
     min_noise_px: float = MIN_BLOCK_NOISE_PX,
 ) -> tuple[float, float]:
     """Noise scale from clipped normalised residuals, and the noise of one POI, px.
@@ -54,7 +55,7 @@ def estimated_noise(
     spread = 1.4826 * float(np.median(np.abs(joined)))
     clipped = np.clip(joined, -MAX_DEVIATION_SIGMAS * spread, MAX_DEVIATION_SIGMAS * spread)
     expected = block_scatter(blocks, fields, MAX_DEVIATION_SIGMAS * spread) * float(len(joined) - len(z[0]))
-    determined = float(np.sum(covariance * precision)) * hyper.noise_scale**-2.0
+    determined = factor.trace_of_inverse_with(precision) * hyper.noise_scale**-2.0
     freedom = max(expected - determined, 0.1 * expected, 1.0)
     mean_variance = float(np.mean(np.concatenate(variance)))
     scale = max(float(np.sqrt(np.sum(clipped**2) / freedom)), min_noise_px / np.sqrt(mean_variance))
