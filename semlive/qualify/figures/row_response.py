@@ -22,7 +22,7 @@ from semlive.data.scan import ScanTiming
 from semlive.data.settings import DicSettings
 from semlive.diagnose.rows.jitter import common_row_variance
 from semlive.diagnose.rows.registration import register_rows
-from semlive.diagnose.rows.series import RowSeries
+from semlive.diagnose.rows.series import RowSeries, interpolated_wave
 from semlive.diagnose.rows.spectrum import MAX_FREQUENCY_HZ, MIN_AMPLITUDE_FRACTION, Wave, fit_wave
 from semlive.errors import BadInput
 
@@ -51,11 +51,13 @@ class Pattern:
     Attributes:
         image: the frame, or the middle of a large one.
         amplitude: (height, width) amplitude of the pattern at each line of the transform, without the noise.
+        row_weight: (height,) power of the derivative along x at each line across the rows.
         noise_grey: standard deviation of the noise of a pixel.
     """
 
     image: Image
     amplitude: Array
+    row_weight: Array
     noise_grey: float
 
     @classmethod
@@ -68,7 +70,22 @@ class Pattern:
         grey = middle - float(middle.mean())
         power = np.abs(np.fft.fft2(grey * window)) ** 2 / float(np.sum(window**2))
         smooth = ndimage.uniform_filter(power, SMOOTHED_LINES, mode="wrap")
-        return cls(middle, np.sqrt(np.maximum(smooth - noise_grey**2, 0.0)), noise_grey)
+        amplitude = np.sqrt(np.maximum(smooth - noise_grey**2, 0.0))
+        return cls(middle, amplitude, np.sum((amplitude * np.fft.fftfreq(width)) ** 2, axis=1), noise_grey)
+
+    def turned(self, per_row: float, moved_px: float) -> float:
+        """Phase of a wave of the rows at points that moved along y, turns, as the registration finds it in the interpolated rows.
+
+        A row shows the product of the wave and of the derivative along x, whose lines are interpolated each by itself: at 0.35 cycles per
+        row a motion by 0.1 px turns the wave by 0.021 turns, not by 0.035.
+
+        Args:
+            per_row: frequency of the wave, cycles per row.
+            moved_px: motion along y.
+        """
+        along_y, row = np.asarray(np.fft.fftfreq(len(self.row_weight)), dtype=np.float64), np.floor(moved_px)
+        found = interpolated_wave(per_row + along_y, np.array(moved_px - row)) * np.exp(2j * np.pi * ((per_row + along_y) * row))
+        return float(np.angle(np.sum(self.row_weight * found * np.exp(-2j * np.pi * along_y * moved_px)))) / (2.0 * np.pi)
 
     def texture(self, rng: np.random.Generator) -> Array:
         """A periodic random texture with the spectrum of the pattern, oversampled; grey levels about 0."""
@@ -229,8 +246,8 @@ class _Scene:
         rows, columns = np.indices(shape, dtype=np.float64)
         wave = np.exp(2j * np.pi * self.frequency_hz * (row_s * rows + dwell_s * columns))
         # The phase difference is that of points of the specimen, which are at other places in the second frame; rows sample the wave.
-        per_row = self.frequency_hz * row_s - np.round(self.frequency_hz * row_s)
-        later = np.exp(-2j * np.pi * (per_row * moved_px[1] + self.frequency_hz * dwell_s * moved_px[0]))
+        per_row = float(self.frequency_hz * row_s - np.round(self.frequency_hz * row_s))
+        later = np.exp(-2j * np.pi * (self.pattern.turned(per_row, float(moved_px[1])) + self.frequency_hz * dwell_s * moved_px[0]))
         texture, still = self.pattern.texture(rng), np.stack((columns, rows))
         images = [
             self.pattern.frame(texture, still - moved[:, None, None] + (amplitude[:, None, None] * wave).real, rng)

@@ -114,6 +114,7 @@ def with_response(
     waves = [wave for effect in effects if is_wave(effect) for wave in waves_of(effect)]
     if not waves:
         return pairs
+    pairs = replace(pairs, pattern=pattern)
     strongest = max(waves, key=lambda wave: wave.size_px).frequency
     others_hz = [wave.frequency.value for wave in waves if wave.frequency is not strongest]
     registered, sizes = fit_wave(pairs.series, strongest.value), list[Array]()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import IdentifiedEffect, ParameterEstimate
 from semlive.diagnose.rows.series import RowSeries
-from semlive.qualify.figures.row_response import RowResponse
+from semlive.qualify.figures.row_response import Pattern, RowResponse
 from semlive.qualify.values import Figure, Result
 
 Array = NDArray[np.float64]
@@ -147,12 +147,14 @@ class RowPairs:
         interval_s: (k,) from the start of the first frame to that of the second; 0 if it is unknown.
         moved_px: (k, 2) mean motion along x and y from the first frame to the second.
         response: of the row registration to the strongest wave; None without a wave.
+        pattern: of the first frame; None if it is not needed.
     """
 
     series: Sequence[RowSeries]
     interval_s: Array
     moved_px: Array
     response: RowResponse | None = None
+    pattern: Pattern | None = None
 
     def frequency_sigma_hz(self, frequency: ParameterEstimate) -> float:
         """Standard uncertainty of a frequency, with the error of slow aliases."""
@@ -170,9 +172,12 @@ class RowPairs:
     def turns(self, frequency_hz: float) -> Array:
         """(k,) phase of a wave in the second frame minus that in the first at the same points, turns.
 
-        Rows sample the wave, so that a motion by a part of a row changes the phase by that of its alias.
+        Rows sample the wave, so that a motion by a row changes the phase by that of its alias.
         """
         row_s, dwell_s = (np.array([getattr(one, name) for one in self.series]) for name in ("row_time_s", "dwell_time_s"))
         per_row = frequency_hz * row_s
         alias = per_row - np.round(per_row)
-        return np.asarray(frequency_hz * (self.interval_s + dwell_s * self.moved_px[:, 0]) + alias * self.moved_px[:, 1])
+        by_rows = alias * self.moved_px[:, 1]
+        if self.pattern is not None:
+            by_rows = np.array([self.pattern.turned(*one) for one in zip(alias.tolist(), self.moved_px[:, 1].tolist(), strict=True)])
+        return np.asarray(frequency_hz * (self.interval_s + dwell_s * self.moved_px[:, 0]) + by_rows)

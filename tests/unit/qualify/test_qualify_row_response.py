@@ -80,6 +80,14 @@ def test_a_texture_has_the_spectrum_of_the_pattern() -> None:
     assert along == pytest.approx([0.5, 0.5], rel=0.2)  # at half of the distance, with the noise in the frame
 
 
+def test_motion_turns_a_wave_by_the_alias_on_rows_and_by_less_between_them() -> None:
+    pattern = _measured()[1]
+    assert pattern.turned(0.31, 3.0) == pytest.approx(0.93 - 1.0, abs=1e-6)
+    assert 0.4 * 0.035 < pattern.turned(0.35, 0.1) < 0.8 * 0.035
+    assert pattern.turned(-0.35, 0.1) == pytest.approx(-pattern.turned(0.35, 0.1), rel=0.01)
+    assert pattern.turned(0.02, 0.1) == pytest.approx(0.002, rel=0.25)
+
+
 def test_without_a_wave_nothing_is_measured() -> None:
     pairs, pattern = _measured()
     assert with_response(pairs, (), pattern, TIMING, SETTINGS) is pairs
