@@ -216,6 +216,8 @@ def test_the_run_pauses_until_the_operator_resumes(patient: Any, tmp_path: Path)
     terminal, operator = os.openpty()
     patient.start(operator=operator).reach("ramping")
     export.rename(tmp_path / "away")
+    # Only a folder that was found missing is reported as back; on a busy computer no scan fell into the time without it.
+    wait_until(lambda: any("cannot be read" in item["what"] for item in patient.logged("/fault")))
     export.symlink_to(other_day(tmp_path / "other"))
     patient.rest("paused")
     [fault] = [item for item in patient.logged("/fault") if item["code"] == "export_folder"]
