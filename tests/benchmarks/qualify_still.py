@@ -99,13 +99,18 @@ def _variance(found: DisparityMap, values: Array) -> float:
 
 
 def strain_noise(maps: Sequence[DisparityMap]) -> Truth:
-    """Noise of the strain of the reference gauge, the noisiest of exx, eyy and exy."""
+    """Noise of the strain of the reference gauge, the noisiest of exx, eyy and exy.
+
+    With vibration of 1 px, subsets of 25 px can lose so many points that a pair has no complete gauge; it is left out.
+    """
     grid, rows, half = maps[0].grid, [], GAUGE_POINTS // 2
     inner = np.s_[half:-half, half:-half]
     for found in maps:
         moved = Displacement(0, grid, found.u_px, found.v_px, found.sigma_u_px, found.sigma_v_px, found.valid)
         field = mechanics.strain(moved, GAUGE_POINTS)
-        rows.append([np.mean(value[inner][field.valid[inner]] ** 2) for value in (field.exx, field.eyy, field.exy)])
+        complete = field.valid[inner]
+        if complete.any():
+            rows.append([np.mean(value[inner][complete] ** 2) for value in (field.exx, field.eyy, field.exy)])
     return _largest(np.array(rows, dtype=np.float64))
 
 
