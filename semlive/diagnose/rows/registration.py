@@ -26,10 +26,10 @@ def register_pair_rows(first: Frame, second: Frame, within: DisparityMap) -> Row
         second: second frame.
         within: map from the first to the second.
     """
-    return register_rows(first.image, second.image, within, first.info.timing)
+    return register_image_rows(first.image, second.image, within, first.info.timing)
 
 
-def register_rows(first: Image, second: Image, within: DisparityMap, timing: ScanTiming) -> RowSeries | None:
+def register_image_rows(first: Image, second: Image, within: DisparityMap, timing: ScanTiming) -> RowSeries | None:
     """Row series of two images; None if their rows cannot be registered.
 
     Args:

@@ -21,7 +21,7 @@ from semlive.data.grid import Grid
 from semlive.data.scan import ScanTiming
 from semlive.data.settings import DicSettings
 from semlive.diagnose.rows.jitter import common_row_variance
-from semlive.diagnose.rows.registration import register_rows
+from semlive.diagnose.rows.registration import register_image_rows
 from semlive.diagnose.rows.series import RowSeries, interpolated_wave
 from semlive.diagnose.rows.spectrum import MAX_FREQUENCY_HZ, MIN_AMPLITUDE_FRACTION, Wave, fit_wave
 from semlive.errors import BadInput
@@ -255,7 +255,7 @@ class _Scene:
         ]
         try:
             grid = dic.grid_for(self.settings, shape[1], shape[0])
-            return register_rows(images[0], images[1], self._map(images, grid, moved_px), self.timing)
+            return register_image_rows(images[0], images[1], self._map(images, grid, moved_px), self.timing)
         except BadInput:
             return None
 

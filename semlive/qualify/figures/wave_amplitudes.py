@@ -35,6 +35,8 @@ AMPLITUDES, PHASES, LARGEST_RATIO, MIN_SIGMA_SHARE = 200, 256, 3.0, 0.02
 """Amplitudes of a wave with independent phases, phases over half a turn, largest amplitude relative to the largest difference, and smallest
 standard uncertainty relative to it: differences of neighbouring phases are 0.037 of it or less.
 """
+MIN_FACTOR, MIN_SIZE_PX = 1e-3, 1e-9
+"""Smallest factor from an amplitude to a difference, where both frames have the same phase, and size, of a pair without data."""
 NOT_EXCLUDED = 0.147
 """Likelihood of no wave, relative to the largest, above which a 95 % interval contains 0: exp(-1.96^2 / 2)."""
 
@@ -80,7 +82,8 @@ def amplitude_interval(axis: int, frequency: ParameterEstimate, pairs: RowPairs,
         return independent.interval()
     rng = np.random.default_rng(5)
     sigma_hz = pairs.frequency_sigma_hz(frequency) if in_maps is None else frequency.sigma
-    factors = np.stack([_factor(pairs.turns(one), found.frames) for one in frequency.value + sigma_hz * rng.standard_normal(FREQUENCIES)])
+    frequencies = frequency.value + sigma_hz * rng.standard_normal(FREQUENCIES)
+    factors = np.maximum([_factor(pairs.turns(one), found.frames) for one in frequencies], MIN_FACTOR)
     log_evidence = _coherent_log_evidence(found, factors)
     odds = float(np.logaddexp.reduce(log_evidence)) - np.log(FREQUENCIES) - _independent(found, found.stronger).log_evidence
     count = round(DRAWS * float(special.expit(odds)))
@@ -96,7 +99,7 @@ def _differences(frequency: ParameterEstimate, pairs: RowPairs, in_maps: Wave | 
     if response is not None and response.is_of(frequency.value):
         gain = response.gain(size, wave.frames)
         sigma = np.hypot(response.sigma, RESPONSE_ERROR * np.max(np.abs(1.0 - gain), axis=0))
-    return _Differences(size / gain, wave.sigma_px / gain, wave.frames, np.hypot(sigma, AMPLITUDE_ERROR))
+    return _Differences(np.maximum(size / gain, MIN_SIZE_PX), wave.sigma_px / gain, wave.frames, np.hypot(sigma, AMPLITUDE_ERROR))
 
 
 def with_response(
@@ -211,7 +214,7 @@ def _coherent(found: _Differences, axis: int, factors: Array, rng: np.random.Gen
     square = float(np.mean(np.maximum(size**2 - noise2, 0.0)))
     error = float(np.hypot(np.sqrt(np.mean(noise2) / len(size)), found.relative_sigma[axis] * np.sqrt(square)))
     drawn = np.abs(np.sqrt(square) + error * rng.standard_normal(len(factors)))
-    return np.asarray(drawn / np.maximum(np.sqrt(np.mean(factors**2, axis=1)), 1e-6))
+    return np.asarray(drawn / np.sqrt(np.mean(factors**2, axis=1)))
 
 
 def _log_density(size: Array, true: Array, sigma: Array) -> Array:

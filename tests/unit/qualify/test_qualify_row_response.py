@@ -10,7 +10,7 @@ import pytest
 from semlive import dic
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import DicSettings
-from semlive.diagnose.rows.registration import register_rows
+from semlive.diagnose.rows.registration import register_image_rows
 from semlive.diagnose.rows.series import RowSeries
 from semlive.diagnose.rows.verdict import diagnose_rows
 from semlive.qualify.figures.pixel_noise import pixel_noise
@@ -48,7 +48,7 @@ def _measured() -> tuple[RowPairs, Pattern]:
     first = _frame(float(phases[0, 0]), SIZES_PX, 0)
     for pair, (before, after) in enumerate(phases):
         images = [_frame(phase, SIZES_PX, 2 * pair + at) for at, phase in enumerate((before, after))]
-        found = register_rows(images[0], images[1], dic.match(images[0], images[1], settings=SETTINGS), TIMING)
+        found = register_image_rows(images[0], images[1], dic.match(images[0], images[1], settings=SETTINGS), TIMING)
         assert found is not None
         series.append(found)
     return RowPairs(series, np.zeros(len(series)), np.zeros((len(series), 2))), Pattern.of(first, pixel_noise(first)[0])

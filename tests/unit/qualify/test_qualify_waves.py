@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,15 @@ def test_intervals_of_independent_phases_contain_the_amplitude() -> None:
         widths.append((high - low) / value)
     assert inside >= 53
     assert np.median(widths) < 0.5  # 0.46 +- 0.12 from the mean square
+
+
+def test_a_pair_without_data_and_equal_phases_of_both_frames_give_an_interval() -> None:
+    pairs = _pairs(np.zeros(4))
+    empty = replace(pairs.series[0], shift_px=np.zeros((2, ROWS, 12)), weight=np.zeros((2, ROWS, 12)))
+    equal = replace(pairs, series=[empty, *pairs.series[1:]], interval_s=np.full(4, 4.0 / MAINS_HZ))
+    value, low, high = amplitude_interval(0, replace(FREQUENCY, sigma=0.0), equal)
+    assert np.isfinite([value, low, high]).all()
+    assert low <= value <= high
 
 
 def test_the_frequency_of_a_slow_alias_is_less_certain() -> None:
