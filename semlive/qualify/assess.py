@@ -13,7 +13,7 @@ from semlive.qualify.evidence import UNKNOWN_TIMES, Evidence
 from semlive.qualify.figures.distortion import DistortionDraws, distortion_results
 from semlive.qualify.figures.drift import DriftRates, decay_results, drift_rates, rate_results
 from semlive.qualify.figures.intervals import mean_interval
-from semlive.qualify.figures.noise import WINDOWS, Scatter, displacement_scatter, strain_scatter, white_noise
+from semlive.qualify.figures.noise import WINDOWS, Scatter, displacement_scatter, rotation_sigma_rad, strain_scatter, white_noise
 from semlive.qualify.figures.row_start import RowStart
 from semlive.qualify.figures.scan import STATED_TIMES, effect_figures, interval_results, peak_figure, row_results, slowest_row_time
 from semlive.qualify.figures.stage import stage_results
@@ -68,7 +68,13 @@ def assess(
         *rows,
         *bends,
         *_settling(settling, draws is not None),
-        *stage_results(list(commands) or [None] * len(evidence.pairs), evidence.estimate.motions, motion, rates.spacing),
+        *stage_results(
+            list(commands) or [None] * len(evidence.pairs),
+            evidence.estimate.motions,
+            motion,
+            rates.spacing,
+            rotation_sigma_rad([pair.scattered for pair in evidence.pairs]),
+        ),
         *_effects(evidence),
     ]
     figures = tuple(result for result in results if isinstance(result, Figure))

@@ -67,7 +67,7 @@ def compared(number: int) -> Compared:
     pairs = make_experiment(case, seed, GAUGES, CALIBRATION_PAIRS).pairs  # the same drift, distortion and noise
     scatter = strain_scatter([taken.maps[0] for taken in pairs[:CALIBRATION_PAIRS]], WINDOW_POINTS)
     assert scatter is not None  # the grid is large enough
-    component = int(np.argmax(scatter.variance.mean(axis=0)))
+    component = int(np.argmax((scatter.observed + scatter.followed).mean(axis=0)))
     errors = [error[:, component] for error in _errors(pairs, solution)]
     means = np.array([error.mean() for error in errors])
     return Compared(noise_px, *scatter.worst(), float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), float(np.sqrt(np.mean(means**2))))

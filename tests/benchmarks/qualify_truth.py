@@ -60,7 +60,10 @@ def truth_of(scenario: Scenario, shots: Sequence[ScannedFrame], found: Qualifica
     still = Still.of(scenario, shots, raster, row_effects=True)
     sizes = {figure.name.removeprefix("noise_") for figure in found.figures if figure.name.startswith("noise_")}
     own = found.protocol.subset_px
-    noise = {f"noise_{size}": displacement_noise(still.maps(size, size // 2)) for size in sorted(int(text) for text in sizes)}
+    jitter = effect_of(scenario, RowJitter) is not None
+    noise = {
+        f"noise_{size}": displacement_noise(still.maps(size, size // 2), jitter=jitter) for size in sorted(int(text) for text in sizes)
+    }
     step_px = gauge_step_px(own)
     noise["strain_noise"] = noise["image_strain_noise"] = strain_noise(still.maps(own, step_px))
     if effect_of(scenario, *ROW_EFFECTS) is not None:

@@ -85,7 +85,7 @@ def slow_wave(maps: Sequence[DisparityMap], timing: ScanTiming, white_px: float)
     if frequency is None:
         return None
     fits = [sampling.fitted(one, frequency.value) for one in pairs]
-    unexplained_px2 = float(scatter.variance.mean(axis=0).sum()) - 2.0 * white_px**2
+    unexplained_px2 = float(scatter.observed.mean(axis=0).sum()) - 2.0 * white_px**2
     if float(np.mean([explained for _, explained in fits])) < MIN_EXPLAINED * unexplained_px2:
         return None
     remaining = float(sampling.remaining(np.array(frequency.value), sampling.subset_px))

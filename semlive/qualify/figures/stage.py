@@ -29,6 +29,7 @@ def stage_results(
     motions: Sequence[PairMotion],
     rows: RowMotion = AT_REST,
     spacing: float = 1.0,
+    rotation_sigma_rad: float = 0.0,
 ) -> list[Result]:
     """Scale, rotation, angle, residual, backlash and yaw of the stage, or why they are not determined.
 
@@ -37,6 +38,7 @@ def stage_results(
         motions: measured motion of each pair, in the same order.
         rows: motion of the rows.
         spacing: time from pair to pair in intervals of the frames.
+        rotation_sigma_rad: standard uncertainty of the rotation of a pair by motion of the rows.
     """
     given = [(command, motion) for command, motion in zip(commands_px, motions, strict=True) if command is not None]
     if len(given) < MIN_MOVES:
@@ -52,7 +54,7 @@ def stage_results(
     return [
         *_path_figures(path, axes, commands, float(variance)),
         *_backlash(axes),
-        _yaw([motion for _, motion in given], rows.rotation_sigma_rad),
+        _yaw([motion for _, motion in given], rotation_sigma_rad),
     ]
 
 

@@ -129,11 +129,6 @@ class RowMotion:
         """Standard uncertainty of the mean motion between two frames; points of one row move together."""
         return float(np.hypot(DRIFT_BIAS_PER_PX * self.wave_px**2, np.sqrt(2.0 / self.rows) * self.jitter_px))
 
-    @property
-    def rotation_sigma_rad(self) -> float:
-        """Standard uncertainty of a rotation between two frames, half of that of the slope of the rows' motion along x."""
-        return float(np.sqrt(6.0) * self.jitter_px / self.rows**1.5)
-
 
 AT_REST = RowMotion(0.0, 0.0, 1)
 
