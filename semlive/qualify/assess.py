@@ -74,6 +74,7 @@ def assess(
             motion,
             rates.spacing,
             rotation_sigma_rad([pair.scattered for pair in evidence.pairs]),
+            evidence.estimate.raster,
         ),
         *_effects(evidence),
     ]

@@ -1,14 +1,16 @@
 """Qualification: coverage of the stated intervals, and the limiting effect of simulated microscopes.
 
-    python tests/benchmarks/bench_qualify.py [--microscopes N] [--maps N] [--tensile N] [--protocols N] [--scenarios [NAME ...]] [--write]
+    python tests/benchmarks/bench_qualify.py [--microscopes N] [--strained N] [--keep FOLDER] [--write]
+    python tests/benchmarks/bench_qualify.py [--maps N] [--tensile N] [--protocols N] [--scenarios [NAME ...]] [--write]
     python tests/benchmarks/bench_qualify.py --daemon [NAME ...] [--write]
 
 `--microscopes N` draws N microscopes at random, renders and qualifies their frames, and compares every figure and the named limit with the
-truth; `--keep FOLDER` stores each result, so that an interrupted count continues. `--maps N` draws N microscopes (7 calibration pairs of 30
+truth; `--keep FOLDER` stores each result, so that an interrupted count continues. `--strained N` compares the predicted strain noise of the
+first N of them with the error of a rendered tensile run that follows. `--maps N` draws N microscopes (7 calibration pairs of 30
 x 24 points with drift, distortion and noise of the simulators' code, no images) and counts the intervals that hold the truth. `--tensile N`
 compares the predicted strain noise of N microscopes with the error of a tensile run, `--protocols N` the recommended protocol of N
 microscopes with 20 random ones of equal beam time. `--scenarios` renders the frames of scenarios `qualify_*`, all without a name, and
-evaluates them by the command's code. Without any of these all are made, 60, 60, 6 and 6 microscopes. `--write` writes the tables into
+evaluates them by the command's code. Without any of these all are made, 60, 60, 60, 6 and 6 microscopes. `--write` writes the tables into
 docs/validation/qualification.md. Exit code 1 if a coverage is below its exact band, a limit is not named, a noise differs by more than
 10 %, or a random protocol is better by more than 10 %.
 """
@@ -31,6 +33,7 @@ from qualify_counts import coverage_rows as microscope_rows
 from qualify_daemon import daemon_rows
 from qualify_protocols import Tried, contest
 from qualify_steps import step_rows
+from qualify_strained import MAX_NOISE_ERROR, strained, strained_rows
 from qualify_tensile import compared
 
 from semlive import estimate
@@ -49,10 +52,8 @@ FIRST_SEED = 20_000
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "qualification.md"
 RANDOM_PROTOCOLS, MAX_PROTOCOL_RATIO = 20, 1.1
 """Protocols that are tried, and largest error of the recommended one over that of the best of them."""
-EVERYTHING = (60, 60, 6, 6)
+EVERYTHING = (60, 60, 60, 6, 6)
 """Microscopes of each kind if none is requested."""
-MAX_NOISE_ERROR = 0.1
-"""Largest relative difference of the predicted strain noise from the error that a tensile run finds."""
 LIMITING = {
     "qualify_good": "image_noise",
     "qualify_warm_tungsten": "drift",
@@ -208,8 +209,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Coverage of intervals, limiting effects, recommended protocols and predicted noise.")
     for name, what in (
         ("microscopes", "that are drawn, rendered and qualified"),
+        ("strained", "of these in which a specimen is strained"),
         ("maps", "whose maps are drawn without images"),
-        ("tensile", "in which a specimen is strained"),
+        ("tensile", "in which a specimen is strained, without images"),
         ("protocols", "whose recommended protocol is compared"),
     ):
         parser.add_argument(f"--{name}", type=int, default=0, help=f"number of microscopes {what}")
@@ -224,14 +226,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0 if printed("daemon", daemon_rows(LIMITING, given.daemon or list(LIMITING)), write=given.write) else 1
     if given.steps:
         return 0 if printed("steps", step_rows(), write=given.write) else 1
-    counts = (given.microscopes, given.maps, given.tensile, given.protocols)
+    counts = (given.microscopes, given.strained, given.maps, given.tensile, given.protocols)
     everything = given.scenarios is None and not any(counts)
-    microscopes, maps, tensile, protocols = EVERYTHING if everything else counts
-    found = cases(microscopes, given.keep)
+    microscopes, loaded, maps, tensile, protocols = EVERYTHING if everything else counts
+    drawn = cases(max(microscopes, loaded), given.keep)
+    found = drawn[:microscopes]
     tables = {
         "microscopes": microscope_rows(found),
         "named": limit_rows(found) if found else iter(()),
         "further": further_rows(found) if found else iter(()),
+        "strained": strained_rows([strained(case) for case in drawn[:loaded]]),
         "coverage": coverage_rows(maps),
         "tensile": tensile_rows(tensile),
         "protocols": protocol_rows(protocols),

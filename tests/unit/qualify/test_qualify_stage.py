@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from semlive.data.drift import PairMotion
+from semlive.data.drift import PairMotion, RasterDrift
 from semlive.qualify.figures.stage import stage_results
 from semlive.qualify.protocol import STEPS
 from semlive.qualify.values import Figure, Undetermined
@@ -88,3 +88,20 @@ def test_moves_along_both_axes_at_once_do_not_narrow_the_intervals() -> None:
             assert isinstance(figure, Figure)
             inside[name] += figure.low <= value <= figure.high
     assert all(abs(count / RUNS - 0.95) <= BINOMIAL for count in inside.values()), inside
+
+
+def test_a_rotation_that_may_be_of_the_raster_is_not_certainly_a_yaw() -> None:
+    rng, count = np.random.default_rng(13), len(COMMANDS)
+    walk, sigma = 1e-4 * np.cumsum(rng.standard_normal(count)), np.array([[0.0, 1e-5], [1e-5, 0.0]])
+    turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    motions = [PairMotion(at, COMMANDS[at], np.full(2, 1e-3), walk[at] * turn, sigma) for at in range(count)]
+    none, twice = np.zeros(2 * count), -np.repeat(walk, 2)
+    found = []
+    for rotation in (none, twice):
+        raster = RasterDrift(np.arange(2 * count), none, none, rotation, none)
+        yaw = {item.name: item for item in stage_results([tuple(one) for one in COMMANDS], motions, raster=raster)}["stage_yaw"]
+        assert isinstance(yaw, Figure)
+        found.append(yaw)
+    assert found[0].low > 0.0
+    assert (found[1].low, found[1].value) == (0.0, 0.0)
+    assert found[1].high == found[0].high
