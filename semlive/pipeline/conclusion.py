@@ -15,7 +15,7 @@ from semlive.data.notes import Note, NoteCode, warning
 from semlive.data.results import FrameResult, RunResult
 from semlive.data.settings import AnalysisSettings
 from semlive.data.strain import StrainSummary
-from semlive.diagnose.maps.adequacy import adequacy_after
+from semlive.diagnose.fit_tests.adequacy import adequacy_after
 from semlive.diagnose.maps.term_rivals import TermRival, rival_after, rival_notes
 from semlive.estimate import Solution
 from semlive.estimate.joint.outputs.stage_path import stage_path_notes

@@ -37,7 +37,7 @@ from semlive.data.diagnosis.verdict import Diagnosis
 from semlive.diagnose.baseline.model_effects import add_model_effects
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import Observation
-from semlive.diagnose.maps.cross_validation import explained_fraction_of_truth
+from semlive.diagnose.fit_tests.cross_validation import explained_fraction_of_truth
 from semlive.diagnose.maps.relinearise import choose_coupling
 from semlive.diagnose.maps.verdict import diagnose
 from semlive.model.effects import EFFECT_CLASSES, EffectClass

@@ -30,7 +30,7 @@ from numexp.world import HEIGHT_PX, WIDTH_PX
 from semlive import estimate
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
-from semlive.diagnose.maps.adequacy import Adequacy, adequacy_after
+from semlive.diagnose.fit_tests.adequacy import Adequacy, adequacy_after
 from semlive.estimate.joint.solution.solver import selection_due
 from semlive_simulators.effects.interfaces import Effect
 

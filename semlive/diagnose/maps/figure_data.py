@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from semlive.data.diagnosis.verdict import DiagnosisFigureData, EffectProfile, StrainBias
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
-from semlive.diagnose.maps.held_out_frames import held_out_residual
+from semlive.diagnose.fit_tests.held_out_frames import held_out_residual
 from semlive.model.effects import RunGeometry
 
 Array = NDArray[np.float64]

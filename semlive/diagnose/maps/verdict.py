@@ -15,12 +15,12 @@ from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws,
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
-from semlive.diagnose.maps.adequacy import adequacy_of_design, negligible_px
-from semlive.diagnose.maps.cross_validation import held_out_misfit
-from semlive.diagnose.maps.domain_tests import run_domain_tests
+from semlive.diagnose.fit_tests.adequacy import adequacy_of_design, negligible_px
+from semlive.diagnose.fit_tests.cross_validation import held_out_misfit
+from semlive.diagnose.fit_tests.domain_tests import run_domain_tests
+from semlive.diagnose.fit_tests.outside_catalogue import outside_test
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR, SelectedEffect
 from semlive.diagnose.maps.figure_data import figure_data
-from semlive.diagnose.maps.outside_catalogue import outside_test
 from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
 from semlive.diagnose.maps.relinearise import CouplingChoice, choose_coupling, relinearise_with_effects
 from semlive.diagnose.maps.screening import Screening

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
 from semlive.data.diagnosis.two_runs import SharedEffect, TwoRunVerdict
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
-from semlive.diagnose.maps.adequacy import negligible_px
+from semlive.diagnose.fit_tests.adequacy import negligible_px
 from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR
 from semlive.diagnose.maps.parameter_search import optimise_parameters, parameter_spread
 from semlive.diagnose.maps.refinement import reported_parameters

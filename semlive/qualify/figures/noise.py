@@ -84,8 +84,8 @@ class RowOrders:
         cosines = np.cos(np.pi * np.arange(ROW_ORDERS, min(LAST_ORDER, grid.ny)) * place[:, None])
         unit = np.column_stack((trend, cosines - trend @ (trend.T @ cosines)))
         unit *= np.sqrt(grid.ny) / np.linalg.norm(unit, axis=0)
-        apart = np.abs(grid.y_px[:, None] - grid.y_px)
-        shared = np.maximum(1.0 - apart / grid.subset_px, 0.0)
+        distance_px = np.abs(grid.y_px[:, None] - grid.y_px)
+        shared = np.maximum(1.0 - distance_px / grid.subset_px, 0.0)
         return cls(unit, np.einsum("nk,nm,mk->k", unit, shared, unit))
 
     def followed(self, rows: Array) -> Array:

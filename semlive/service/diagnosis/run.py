@@ -16,8 +16,8 @@ from semlive.diagnose.baseline.observation import HOLD_S, Observation, StepCondi
 from semlive.diagnose.combine import add_intensity_verdict, add_map_wave_verdict, add_row_verdict
 from semlive.diagnose.experiments.forecast import forecast_experiments
 from semlive.diagnose.experiments.proposals import ranked
+from semlive.diagnose.fit_tests.adequacy import adequacy_of
 from semlive.diagnose.intensity.verdict import diagnose_intensity
-from semlive.diagnose.maps.adequacy import adequacy_of
 from semlive.diagnose.maps.verdict import diagnose
 from semlive.diagnose.rows.map_series import map_series, wave_fields
 from semlive.diagnose.rows.map_waves import diagnose_map_waves

@@ -11,9 +11,9 @@ from blind.cases import CONFOUNDED, NOTHING, ONE, TWO, UNLISTED, Case
 from blind.scoring import Scored, at_most
 
 from semlive.data.diagnosis.effects import Outcome
-from semlive.diagnose.maps.outside_catalogue import RANKS, SCORES, conformal_p_value, rank
+from semlive.diagnose.fit_tests.outside_catalogue import RANKS, SCORES, conformal_p_value, rank
 
-STORED = Path(__file__).parents[3] / "semlive" / "diagnose" / "maps" / SCORES
+STORED = Path(__file__).parents[3] / "semlive" / "diagnose" / "fit_tests" / SCORES
 WITH, WITHOUT = "with effects", "without an effect"
 LEVELS = 0.01, 0.05
 

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from semlive import estimate
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.grid import Grid
-from semlive.diagnose.maps.adequacy import Adequacy, adequacy_after, harmless_px
+from semlive.diagnose.fit_tests.adequacy import Adequacy, adequacy_after, harmless_px
 from semlive.diagnose.maps.verdict import diagnose
 from semlive.estimate import Solution
 from semlive.model.effects import EFFECT_CLASSES

@@ -16,7 +16,7 @@ from semlive.data.diagnosis.effects import DomainTest
 from semlive.data.grid import Grid
 from semlive.data.notes import NoteLevel
 from semlive.data.settings import AnalysisSettings, EstimateSettings
-from semlive.diagnose.maps.adequacy import FALSE_ALARM_RATE, Adequacy, adequacy_after
+from semlive.diagnose.fit_tests.adequacy import FALSE_ALARM_RATE, Adequacy, adequacy_after
 from semlive.service.analysis.results import new_warnings
 
 GRID = Grid(101, 101, 45, 17, 14, 43)  # a block is a point

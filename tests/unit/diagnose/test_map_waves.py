@@ -14,7 +14,7 @@ from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.combine import add_map_wave_verdict
-from semlive.diagnose.maps.adequacy import adequacy_of
+from semlive.diagnose.fit_tests.adequacy import adequacy_of
 from semlive.diagnose.rows.map_series import map_series, wave_fields
 from semlive.diagnose.rows.map_waves import _taper, diagnose_map_waves
 from semlive_simulators.effects.interfaces import Effect, PixelVisits, Plane

@@ -14,7 +14,7 @@ from blind.outside import experiments, held_out, unlisted
 from blind.scoring import Verdict
 
 from semlive.data.diagnosis.effects import Outcome
-from semlive.diagnose.maps.outside_catalogue import calibration_scores, conformal_p_value, outside_test
+from semlive.diagnose.fit_tests.outside_catalogue import calibration_scores, conformal_p_value, outside_test
 
 FINAL = Path(next(iter(blind.__path__))) / "final"
 COUNTS = Counts(seeds=16, nulls=773, doubles=100, strange=25, deformed=10, removed=3, confounded=30)

@@ -17,7 +17,7 @@ from semlive.diagnose.baseline.bayes_factor import score_candidates
 from semlive.diagnose.baseline.model_effects import add_model_effects, effect_class
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.priors import DriftPrior
-from semlive.diagnose.maps.cross_validation import held_out_misfit
+from semlive.diagnose.fit_tests.cross_validation import held_out_misfit
 from semlive.diagnose.maps.refinement import refined
 from semlive.diagnose.maps.verdict import diagnose
 from semlive_simulators.effects.drift import BaselineDistortionUnderresolved, RandomWalkDrift

@@ -40,5 +40,5 @@ def conformal_p_value(score: int, calibration: Sequence[int]) -> float:
 @cache
 def calibration_scores() -> tuple[tuple[int, ...], ...]:
     """Scores of the experiments of each group: how often each rank occurs, in the stored table."""
-    stored: dict[str, list[int]] = json.loads(files("semlive.diagnose.maps").joinpath(SCORES).read_text(encoding="utf-8"))
+    stored: dict[str, list[int]] = json.loads(files("semlive.diagnose.fit_tests").joinpath(SCORES).read_text(encoding="utf-8"))
     return tuple(tuple(score for score, count in enumerate(counts) for _ in range(count)) for counts in stored.values())

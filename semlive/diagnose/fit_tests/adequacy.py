@@ -30,7 +30,7 @@ from semlive.diagnose.baseline.noise_scale import residual_scale, rough_modes
 from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, evaluate_estimate
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
 from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window
-from semlive.diagnose.maps.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts, fraction_waves
+from semlive.diagnose.fit_tests.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts, fraction_waves
 from semlive.estimate.joint.observations.normal_equations import map_columns
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive.model.effects import RunGeometry

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import HeldOutMisfit
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, point_like
-from semlive.diagnose.maps.held_out_frames import (
+from semlive.diagnose.fit_tests.held_out_frames import (
     DRAWS,
     add_prior_draws,
     orthonormal_shapes,
