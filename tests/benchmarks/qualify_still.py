@@ -29,7 +29,7 @@ STILL_AXIS = AxisDrift(0.0, 1.0, 0.0, 0.0)
 FLAT_AXIS = AxisDistortion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 LATER_S = 5000.0
 """Begin of the further frames, after those of the run, and time from one repetition of all pairs to the next."""
-REPEATS, REPEATS_OF_ROW_MOTION = 2, 6
+REPEATS, REPEATS_OF_ROW_MOTION = 2, 4
 """Pairs of each shift. With motion of the rows the noise of one pair depends on the difference of two phases."""
 Images = tuple[NDArray[np.unsignedinteger], NDArray[np.unsignedinteger]]
 Maps = Sequence[Sequence[DisparityMap]]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
+from scipy import stats
 
 from semlive import mechanics
 from semlive.data.disparity import DisparityMap
@@ -25,12 +26,10 @@ TREND = ((0, 0), (1, 0), (0, 1), (0, 2), (0, 3), (1, 1))
 """Powers of x and y of the trend of a map within a pair: the drift varies with the row, and little else."""
 ROW_ORDERS, OTHER_TERMS = 4, 2
 """Polynomials of the row alone in the trend, and its other terms."""
-NEXT_ORDERS, LAST_ORDER = 8, 16
-"""Cosines of the row, in half cycles per map: the first, from the orders of the trend on, show what the trend followed, and further ones
-whether that power is a slow wave.
+LAST_ORDER, MIN_RESPONSE = 16, 0.1
+"""End of the cosines of the row, in half cycles per map, that show what the trend followed; those with a smaller response than a tenth of
+the first are left out.
 """
-MIN_FURTHER = 0.5
-"""Smallest ratio of the power of both for which there is no slow wave; less occurs in 1 % of eight maps with white jitter."""
 OVERLAP_GAIN = 2.25
 """Independent values of a variance per gauge: the squared triangular correlation of overlapping gauges has the area 4/9 gauge^2."""
 
@@ -63,8 +62,8 @@ class RowOrders:
     """Polynomials of the row on a grid, of the orders in the trend, and cosines about the trend.
 
     Row jitter moves all points of a row, so that a trend of four orders follows a third of its variance in ten subsets side by side: the
-    noise of subsets of 61 px was 21 % too small. The power of the next cosines shows how much. A wave of a few cycles per map has most of
-    its power there and little in further ones, and made the noise 20 % too large; then the power of these is taken.
+    noise of subsets of 61 px was 21 % too small. The median power of the next cosines shows how much. A wave of a few cycles per map has
+    its power in two or three of them: their mean made the noise 20 % too large.
 
     Attributes:
         unit: (n, k) polynomials, then cosines, at the n rows of the grid, root mean square 1.
@@ -77,7 +76,7 @@ class RowOrders:
     @classmethod
     def of(cls, grid: Grid) -> RowOrders | None:
         """Polynomials of the rows of a grid; None for too few rows."""
-        if grid.ny <= NEXT_ORDERS:
+        if grid.ny < 2 * ROW_ORDERS:
             return None
         place = (np.arange(grid.ny) + 0.5) / grid.ny
         trend = np.linalg.qr(legendre.legvander(place, ROW_ORDERS - 1))[0]
@@ -91,11 +90,12 @@ class RowOrders:
     def followed(self, rows: Array) -> Array:
         """(k, 2, ROW_ORDERS) variance that each order of the trends of k maps followed, from the means (k, 2, n) of rows about them."""
         power = (rows @ self.unit / rows.shape[-1]) ** 2
-        level, further = (
-            power[..., part].sum(axis=-1) / self.response[part].sum() for part in (slice(ROW_ORDERS, NEXT_ORDERS), slice(NEXT_ORDERS, None))
-        )
-        next_ones, others = level.mean(axis=0), further.mean(axis=0)
-        share = np.divide(others, next_ones, out=np.ones_like(others), where=others < MIN_FURTHER * next_ones)
+        used = self.response >= MIN_RESPONSE * self.response[ROW_ORDERS]
+        used[:ROW_ORDERS] = False
+        level = power[..., used].sum(axis=-1) / self.response[used].sum()
+        # The median of powers with k degrees of freedom is smaller than their mean.
+        median = np.median(power[..., used].mean(axis=0) / self.response[used], axis=-1) * len(rows) / stats.chi2.median(len(rows))
+        share = np.divide(median, level.mean(axis=0), out=np.zeros_like(median), where=median > 0.0)
         return (level * share)[..., None] * self.response[:ROW_ORDERS]
 
 
