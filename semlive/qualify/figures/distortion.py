@@ -18,7 +18,7 @@ POINTS = 13
 """Points along each axis at which the field is drawn: closer together than the knots of the spline in frames of up to 1300 px."""
 HALF_SHIFT_PX = 4.0
 ROW_POLYNOMIALS = 6
-"""Polynomials of the row, from the second order on, that the distortion follows, each with the uncertainty of a mean: a vibration of 0.36 px
+"""Polynomials of the row, from the second order on, that the distortion follows, each with the uncertainty of a mean: vibration of 0.36 px
 made the largest distortion 0.09 px too large, jitter of 0.31 px 0.06 px.
 """
 MIN_COVERED = 0.5
