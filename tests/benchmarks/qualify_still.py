@@ -102,7 +102,7 @@ def _largest(variances: Array) -> Truth:
 def displacement_noise(maps: Maps, *, jitter: bool = False) -> Truth:
     """Noise of a displacement of the noisier axis about the mean motion of a map.
 
-    A wave along y changes that mean by up to 0.02 px with its phases, which is a motion for every user of the map.
+    A wave along y changes that mean by up to 0.02 px with its phases, which is measured as motion of the specimen.
 
     Args:
         maps: maps by pair and repetition.
