@@ -137,10 +137,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """With several processes, begin with the long files, then distribute those that wait evenly, so that waiting and computing overlap."""
     if not hasattr(config, "workerinput"):
         return
-    for item in items:
-        # At low priority the slowest, 93 s, needed more than the usual limit while other programs used both cores.
-        if _name(item.path).startswith(COMPUTING) and item.get_closest_marker("timeout") is None:
-            item.add_marker(pytest.mark.timeout(900))
     files = {_name(tests[0].path): tests for tests in _by_file(items)}
     ranked = [(float(number - len(LONG)), files.pop(name)) for number, name in enumerate(LONG) if name in files]
     for waits in (True, False):

@@ -17,7 +17,9 @@ from semlive.service.log.files import messages
 from semlive.service.log.tail import LogReplaced, LogTail
 
 PATIENCE_S = 150.0
-"""Upper bound of a wait, s; two of them are shorter than the limit of a test."""
+"""Upper bound of a wait, s."""
+RUN_END_S = 900.0
+"""Upper bound of a run of the daemon to its end, s; two of them are shorter than the limit of a test."""
 
 
 def wait_until(condition: Callable[[], object], within_s: float = PATIENCE_S) -> float:

@@ -49,7 +49,6 @@ def read(page: Page, state: str) -> None:
         expect(page.locator("#load-of")).to_contain_text("limit 1200 N")
 
 
-@pytest.mark.timeout(300)
 def test_every_state_is_read_at_every_size(
     run: StagedRun, tab: Callable[..., Page], readable: Callable[[Page], None], tmp_path: Path, chromium_peer: Browser
 ) -> None:

@@ -12,7 +12,6 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-import pytest
 from playwright.sync_api import Page, expect
 
 from semlive.formats.log.writer import LogWriter
@@ -37,7 +36,6 @@ def shown(page: Page, text: str, since: int) -> None:
     page.wait_for_function("([text, since]) => window.states.slice(since).includes(text)", arg=[text, since], timeout=100_000)
 
 
-@pytest.mark.timeout(900)
 def test_an_experiment_is_watched_steered_interrupted_and_completed(
     bench: Callable[[str], Any], tab: Tab, shoot: Shoot, readable: Readable
 ) -> None:

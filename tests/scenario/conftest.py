@@ -20,7 +20,7 @@ from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.tail import LogTail
 
-from ..waiting import wait_until
+from ..waiting import RUN_END_S, wait_until
 
 RATE = 20.0
 WATCHDOG = 2
@@ -70,7 +70,7 @@ class Instrument:
     def run(self) -> tuple[int, str]:
         """Run the daemon to its end; exit code and printed text."""
         process = self.start()
-        out, err = process.communicate(timeout=250)
+        out, err = process.communicate(timeout=RUN_END_S)
         return process.returncode, out + err
 
     def unload(self) -> None:

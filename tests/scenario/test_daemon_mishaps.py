@@ -13,7 +13,7 @@ from pymodbus.client import ModbusTcpClient
 from semlive.service.log.alarms import Alarms, after_message
 from semlive.service.log.files import messages
 
-from ..waiting import logged
+from ..waiting import RUN_END_S, logged
 
 EMERGENCY_STOP, LIMIT_SWITCH, FRACTURE = 101, 102, 104
 
@@ -56,7 +56,7 @@ def test_a_machine_that_fails_in_the_hold_is_stopped_and_loads_nothing_more(
     process = item.start()
     wait_until(lambda: any(step["after"] == "holding" for step in logged(item.log, "/state")))
     order(item.bench, mishap)
-    out, err = process.communicate(timeout=200)
+    out, err = process.communicate(timeout=RUN_END_S)
     assert process.returncode == 1, out + err
     assert words in " ".join((out + err).split())
     states, commands = logged(item.log, "/state"), logged(item.log, "/command")

@@ -14,11 +14,10 @@ from typing import Any
 import pytest
 import yaml
 
-from ..waiting import logged
+from ..waiting import RUN_END_S, logged
 
 Command = Callable[..., tuple[int, str, str]]
 PAIRS = 6
-ENDS_S = 600.0
 """Wall seconds within which a run, or a part of it, ends on a busy computer; it decides nothing but when a test that hangs is given up."""
 EFFECTS = ["magnification_drift", "tilt_with_load", "mains_hum"]
 CORRECTED = "magnification_drift, tilt_with_load taken out of the maps"
@@ -36,7 +35,7 @@ def write_model(path: Path, **run: float) -> Path:
 def run_refused(*words: object) -> tuple[int, str, str]:
     """`semlive run` in a process of its own: it changes how its process gets memory."""
     command = [sys.executable, "-m", "semlive", "run", *map(str, words)]
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=ENDS_S, check=False)
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=RUN_END_S, check=False)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -49,18 +48,18 @@ def done(instrument: Callable[..., Any], wait_until: Callable[..., None], watche
     one.model = write_model(one.folder / "model.json")
     process = one.start("--model", str(one.model))
     # Three pairs are accepted and three are to come: analysis may be behind, and would let the run end before it is killed.
-    watched(one.log).until(lambda found: len(found.get("/pair", ())) == 3, process, ENDS_S)
+    watched(one.log).until(lambda found: len(found.get("/pair", ())) == 3, process, RUN_END_S)
     process.send_signal(signal.SIGKILL)
     process.communicate(timeout=30)
     assert 3 <= len(logged(one.log, "/pair")) < PAIRS
-    wait_until(lambda: one.load_frame_status() == 2, ENDS_S)  # its watchdog: fault
+    wait_until(lambda: one.load_frame_status() == 2, RUN_END_S)  # its watchdog: fault
     process = one.start("--resume", "--yes")
-    out, err = process.communicate(timeout=ENDS_S)
+    out, err = process.communicate(timeout=RUN_END_S)
     assert process.returncode == 0, out + err
     return one
 
 
-@pytest.mark.timeout(3 * ENDS_S)
+@pytest.mark.timeout(3 * RUN_END_S)
 def test_the_log_names_the_model_both_times(done: Any) -> None:
     runs = logged(done.log, "/run")
     assert len(runs) == 2
@@ -70,7 +69,7 @@ def test_the_log_names_the_model_both_times(done: Any) -> None:
     assert sum(one.endswith(f"taken out of them: {', '.join(EFFECTS)}") for one in lines) == 2
 
 
-@pytest.mark.timeout(3 * ENDS_S)
+@pytest.mark.timeout(3 * RUN_END_S)
 @pytest.mark.parametrize("source", ["--from-disparity", "--from-images"])
 def test_a_replay_without_the_model_in_its_command_gives_the_live_results(done: Any, source: str, semlive: Command) -> None:
     (live,) = logged(done.log, "/result")
@@ -81,7 +80,7 @@ def test_a_replay_without_the_model_in_its_command_gives_the_live_results(done: 
     assert (code, json.loads(out)) == (0, live), err
 
 
-@pytest.mark.timeout(3 * ENDS_S)
+@pytest.mark.timeout(3 * RUN_END_S)
 def test_maps_in_the_log_are_uncorrected_so_that_another_model_can_be_applied(done: Any, semlive: Command) -> None:
     none = done.folder / "none.json"
     none.write_text(json.dumps({"version": 1, "effects": []}), encoding="utf-8")
@@ -95,7 +94,7 @@ def test_maps_in_the_log_are_uncorrected_so_that_another_model_can_be_applied(do
     assert results[1]["frames"][-1]["strain_mean"] != results[0]["frames"][-1]["strain_mean"]
 
 
-@pytest.mark.timeout(3 * ENDS_S)
+@pytest.mark.timeout(3 * RUN_END_S)
 def test_diagnosis_begins_with_the_model_of_the_run(done: Any, semlive: Command) -> None:
     code, out, err = semlive("diagnose", done.log, "--json", "-o", done.folder / "child.json")
     assert code == 0, err
@@ -105,7 +104,7 @@ def test_diagnosis_begins_with_the_model_of_the_run(done: Any, semlive: Command)
     assert not set(EFFECTS) & {one["name"] for one in json.loads(out)["effects"]}
 
 
-@pytest.mark.timeout(3 * ENDS_S)
+@pytest.mark.timeout(3 * RUN_END_S)
 def test_plan_names_the_model_and_refuses_one_that_does_not_fit(done: Any, semlive: Command) -> None:
     config = done.write_config()
     timed = done.folder / "timed.yaml"

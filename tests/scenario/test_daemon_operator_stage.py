@@ -19,6 +19,8 @@ from pymodbus.client import ModbusTcpClient
 
 from semlive.service.log.files import messages
 
+from ..waiting import RUN_END_S
+
 UM_PER_PX = 1.25
 SHIFT_PX = 24.0
 STAGE_MOTION, STAGE_X = 100, 101
@@ -84,7 +86,7 @@ def attended(instrument: Callable[..., Any], wait_until: Callable[..., None]) ->
         prompted_for_s = time.monotonic() - began
         process.stdin.write("\n")
         process.stdin.flush()
-        rest, _ = process.communicate(timeout=250)
+        rest, _ = process.communicate(timeout=RUN_END_S)
         errors.seek(0)
         printed = rest + errors.read()
     hand.close()
@@ -141,7 +143,7 @@ def test_run_commands_answer_no_question(instrument: Callable[..., Any], wait_un
     os.write(ours, b"resume\n")
     wait_until(lambda: states()[-1] == "ramping")
     os.write(ours, b"stop\n")
-    process.communicate(timeout=250)
+    process.communicate(timeout=RUN_END_S)
     os.close(ours)
     assert process.returncode == 1
     assert states()[-1] == "aborted"

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from ..waiting import logged
+from ..waiting import RUN_END_S, logged
 
 ROOM_BYTES = 2 * 2**20  # of new memory, for control and analysis together
 GROUPS = Path("/sys/fs/cgroup")
@@ -73,7 +73,7 @@ def test_linux_ends_the_analysis_first_and_the_run_loses_nothing(
         kernel_peer.take_in(pid)
     wait_until(lambda: kernel_peer.kills() > 0)
     kernel_peer.allow(None)
-    out, err = process.communicate(timeout=200)
+    out, err = process.communicate(timeout=RUN_END_S)
     assert process.returncode == 0, out + err
     assert f"died (exit code -{int(signal.SIGKILL)})" in " ".join((out + err).split()), out + err
     (result,) = logged(item.log, "/result")
@@ -94,7 +94,7 @@ def test_an_analysis_that_is_refused_memory_does_not_hang(instrument: Callable[.
     lines = Path(f"/proc/{analysis}/status").read_text().splitlines()
     size = next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmSize:"))
     resource.prlimit(analysis, resource.RLIMIT_AS, (size // 2, size // 2))  # nothing more, also of what it gave back
-    out, err = process.communicate(timeout=200)
+    out, err = process.communicate(timeout=RUN_END_S)
     assert process.returncode == 0, out + err
     (result,) = logged(item.log, "/result")
     assert result["pairs"] == 5

@@ -28,14 +28,13 @@ from semlive.service.config.configuration import load_config
 from semlive.service.control.resume import read_previous_segments
 from semlive.service.log.files import messages, segments
 
-from ..waiting import logged
+from ..waiting import RUN_END_S, logged
 
 PAIRS = 3
 HALF = 1
 ATTEMPTS = 5
-ENDS_S = 600.0
 """Wall seconds within which a run, or a part of it, ends on a busy computer; it decides nothing but when a test that hangs is given up."""
-pytestmark = pytest.mark.timeout(4 * ENDS_S)
+pytestmark = pytest.mark.timeout(4 * RUN_END_S)
 IN_FAULT = 2  # docs/reference/bench-registers.md
 
 
@@ -80,27 +79,27 @@ def killed_twice(one: Any, wait_until: Callable[..., None], watched: Callable[[P
     one.wait_for_slow_answers()
     one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0]], loads_n=[100])
     name, process = one.config["run"]["name"], one.start()
-    watched(one.log).until(is_half, process, ENDS_S)
+    watched(one.log).until(is_half, process, RUN_END_S)
     kill(process)
     assert [path.name for path in sorted(one.log.iterdir())] == [f"{name}.000.mcap.part"]
     one.before = logged(one.log, "/pair"), logged(one.log, "/sem/scan"), logged(one.log, "/load_frame/sample")
     if len(one.before[0]) > HALF:
         raise Missed("the pair was complete before the run was killed")
     # A computer on which the next daemon is there before the watchdog acts would keep it fed.
-    wait_until(lambda: one.load_frame_status() == IN_FAULT, ENDS_S)
+    wait_until(lambda: one.load_frame_status() == IN_FAULT, RUN_END_S)
     process, terminal = at_a_terminal(one)
     follower = watched(one.log)
-    follower.until(lambda found: any(state["after"] == "recover" for state in found.get("/state", ())), process, ENDS_S)
+    follower.until(lambda found: any(state["after"] == "recover" for state in found.get("/state", ())), process, RUN_END_S)
     time.sleep(0.5)
     one.unasked = logged(one.log, "/command")[len(logged_by(one.log, 0, "/command")) :]
     os.write(terminal, b"resume\n")
-    follower.until(lambda found: len(found.get("/pair", ())) == PAIRS, process, ENDS_S)
+    follower.until(lambda found: len(found.get("/pair", ())) == PAIRS, process, RUN_END_S)
     kill(process)
     os.close(terminal)
     if len(logged(one.log, "/motion")) == PAIRS:
         raise Missed("the last pair was analysed before the run was killed")
     process = one.start("--resume", "--yes")
-    out, err = process.communicate(timeout=ENDS_S)
+    out, err = process.communicate(timeout=RUN_END_S)
     assert process.returncode == 0, out + err
     return one
 
@@ -174,7 +173,7 @@ def analysed_again(log: Path) -> list[LogMessage]:
     """Analysis of the complete folder without a break."""
     count = sum(one.topic in INPUT_TOPICS for one in messages(log))
     command = [sys.executable, "-m", "semlive.service.analysis.worker", "--log", str(log), "--inputs", str(count)]
-    stream = BytesIO(subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ENDS_S, check=True).stdout)
+    stream = BytesIO(subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=RUN_END_S, check=True).stdout)
     outputs = []
     while (message := read_message(stream)) is not None:
         if not isinstance(message, Heartbeat):

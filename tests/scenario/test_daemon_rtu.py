@@ -17,7 +17,7 @@ import yaml
 from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 
-from ..waiting import logged
+from ..waiting import RUN_END_S, logged
 
 RATE = 20.0
 SCENARIO = """
@@ -68,7 +68,7 @@ def test_a_run_from_begin_to_end_with_two_units_on_one_line(tmp_path: Path, webh
         config["alerts"] = {"file": "alerts.txt"}
         (tmp_path / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
         command = [sys.executable, "-m", "semlive", "run", str(tmp_path / "run.yaml"), "--stop-on-fault"]
-        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=250, check=False)
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=RUN_END_S, check=False)
     assert done.returncode == 0, done.stderr
     assert webhook.titles == ["demo: complete"]
     log = tmp_path / "log" / "demo"

@@ -31,6 +31,8 @@ from semlive.service.log.files import messages
 from semlive.service.replay.replay import ReplayRequest, Source, replay
 from semlive.service.storage.map_store import MapStore
 
+from ..waiting import RUN_END_S
+
 Command = Callable[..., tuple[int, str, str]]
 PX, BOTH = 5, 2
 
@@ -138,7 +140,7 @@ def analysed_again(log: Path) -> list[LogMessage]:
     """What the analysis process makes of a log when it has to catch up from it."""
     count = sum(message.topic in INPUT_TOPICS for message in messages(log))
     command = [sys.executable, "-m", "semlive.service.analysis.worker", "--log", str(log), "--inputs", str(count)]
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=250, check=True)
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=RUN_END_S, check=True)
     stream, outputs = BytesIO(done.stdout), []
     while (message := read_message(stream)) is not None:
         if not isinstance(message, Heartbeat):

@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 
 from semlive.cli.shared.simulator import running_simulator
 
-from ..waiting import logged
+from ..waiting import RUN_END_S, logged
 
 STARTS_S = 150.0
 """Wall seconds within which a run gets to the state that is waited for."""
@@ -30,7 +30,7 @@ def reached(found: dict[str, list[dict[str, Any]]], state: str) -> bool:
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
-    out, err = process.communicate(timeout=200)
+    out, err = process.communicate(timeout=RUN_END_S)
     return process.returncode, out + err
 
 

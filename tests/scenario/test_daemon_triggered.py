@@ -12,6 +12,8 @@ import pytest
 
 from semlive.service.log.files import messages
 
+from ..waiting import RUN_END_S
+
 # With 40 s a frame the hold of a step ends soon after the start of a scan, which a free-running microscope wastes.
 SCENARIO = """
 extends: paper_x200
@@ -63,7 +65,7 @@ def demos(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Ran]:
         mode: subprocess.Popen([*command, str(root / mode), *options[mode]], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         for mode in MODES
     }
-    printed = {mode: process.communicate(timeout=250)[0] for mode, process in started.items()}
+    printed = {mode: process.communicate(timeout=RUN_END_S)[0] for mode, process in started.items()}
     ran = {}
     for mode, process in started.items():
         assert process.returncode == 0, printed[mode]

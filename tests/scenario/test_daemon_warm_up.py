@@ -16,7 +16,7 @@ from semlive.cli.shared.simulated_run import daemon_config
 from semlive.cli.shared.simulator import running_simulator
 from semlive.service.log.files import messages
 
-from ..waiting import logged
+from ..waiting import RUN_END_S, logged
 
 RATE = 20.0
 LIMIT_PX_S = 0.03
@@ -54,9 +54,8 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         )
         path = root / "run.yaml"
         path.write_text(yaml.safe_dump(json.loads(json.dumps(config))), encoding="utf-8")
-        done = subprocess.run(
-            [sys.executable, "-m", "semlive", "run", str(path), "--no-page", "--stop-on-fault"], capture_output=True, text=True, timeout=280
-        )
+        command = [sys.executable, "-m", "semlive", "run", str(path), "--no-page", "--stop-on-fault"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=RUN_END_S)
     assert done.returncode == 0, done.stderr
     return root / "log" / "warm"
 

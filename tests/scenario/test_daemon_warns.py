@@ -28,7 +28,6 @@ def done(instrument: Callable[..., Any]) -> Any:
     return one
 
 
-@pytest.mark.timeout(500)
 def test_a_missing_effect_is_reported_once_with_advice(done: Any) -> None:
     logged_payloads = [(one.topic, json.loads(one.payload)) for one in messages(done.log) if one.topic in ("/fault", "/pair", "/result")]
     (fault,) = [payload for topic, payload in logged_payloads if topic == "/fault" and payload["what"].startswith(WARNING)]
@@ -41,7 +40,6 @@ def test_a_missing_effect_is_reported_once_with_advice(done: Any) -> None:
     assert sum(one.startswith(f"WARNING: {WARNING}{PAIRS} pairs") for one in result["warnings"]) == 1
 
 
-@pytest.mark.timeout(500)
 def test_replay_and_report_repeat_the_warning(done: Any, semlive: Callable[..., tuple[int, str, str]]) -> None:
     page = done.folder / "report.html"
     for words in (("replay", done.log, "--from-disparity"), ("report", done.log, "-o", page)):

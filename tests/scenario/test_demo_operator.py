@@ -19,13 +19,14 @@ import pytest
 
 from semlive.service.log.files import messages
 
+from ..waiting import RUN_END_S
+
 MOVE = re.compile(r"move the specimen about .*?then press enter", re.DOTALL)
 LOAD = re.compile(r"bring the load to ([\d.]+) N at .*?press enter when it is there", re.DOTALL)
 PAGE = re.compile(r"live page: http://([\d.]+):(\d+)/#token=([\w-]+)")
 LAST_QUESTION = re.compile(rb'"question": ?"(terminal\.\d+)", ?"text": ?"[^"]*load to 300 N')
 """The page may be seconds behind the terminal and show the question before it."""
 COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
-TIMEOUT_S = 500.0
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "rehearsal.md"
 
 
@@ -52,7 +53,7 @@ class Person:
 
     def wait_for(self, pattern: str) -> None:
         """Read on until a text is on the terminal."""
-        deadline = time.monotonic() + TIMEOUT_S
+        deadline = time.monotonic() + RUN_END_S
         while re.search(pattern, self.read() or "") is None:
             assert time.monotonic() < deadline, self._text[-2000:]
         self._read_to += len(self._text[self._read_to :])
@@ -86,7 +87,7 @@ class Person:
 
     def rehearse(self) -> str:
         """Answer every question, loads first wrongly and the last load on the page; everything that was on the terminal."""
-        deadline = time.monotonic() + TIMEOUT_S
+        deadline = time.monotonic() + RUN_END_S
         while (text := self.read()) is not None and time.monotonic() < deadline:
             if (prompt := LOAD.search(text)) is not None:
                 answer = self.answer_on_page if prompt[1] == "300" else self.answer
@@ -99,7 +100,7 @@ class Person:
                     answer(prompt[1])
             elif MOVE.search(text) is not None:
                 self.answer("")
-        self.process.wait(TIMEOUT_S)
+        self.process.wait(RUN_END_S)
         os.close(self._terminal)
         return self._text
 
@@ -124,7 +125,6 @@ def rehearsal(tmp_path_factory: pytest.TempPathFactory) -> Rehearsal:
     return Rehearsal(folder, person.process.returncode, printed, tuple(person.page_replies))
 
 
-@pytest.mark.timeout(600)
 def test_a_person_who_answers_comes_to_the_result(rehearsal: Rehearsal) -> None:
     assert rehearsal.code == 0, rehearsal.printed[-3000:]
     assert "only the simulated instrument moves" in rehearsal.printed

@@ -23,7 +23,6 @@ RUNS = (
     ("tension", 1),
 )
 COMPARED = ("sutton2007", "joint")
-pytestmark = pytest.mark.timeout(900)  # all of it is computed before the first test, in two minutes of an idle core
 Results = dict[tuple[str, str], list[Measured]]
 
 

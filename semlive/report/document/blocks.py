@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 from matplotlib.figure import Figure
+
+from semlive.report.style import figure_bytes, publication_style
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +64,7 @@ class Listing:
     text: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class FigureBlock:
     """A figure with a caption that is complete without the text.
 
@@ -76,6 +79,12 @@ class FigureBlock:
     title: str
     caption: str
     figure: Figure
+
+    @cached_property
+    def svg(self) -> bytes:
+        """The figure as SVG, drawn once for the page and for the file."""
+        with publication_style():
+            return figure_bytes(self.figure, "svg")
 
 
 Block = Paragraph | Bullets | KeyFigures | Table | Listing | FigureBlock

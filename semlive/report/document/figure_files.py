@@ -35,7 +35,7 @@ def write_figures(folder: Path, document: Document, progress: Callable[[int, int
             for number, block in figures:
                 for kind in KINDS:
                     path = folder / f"{block.key}.{kind}"
-                    path.write_bytes(figure_bytes(block.figure, kind))
+                    path.write_bytes(block.svg if kind == "svg" else figure_bytes(block.figure, kind))
                     written.append(path)
                 progress(number, len(figures))
         captions = {

@@ -7,7 +7,7 @@ import urllib.parse
 from collections.abc import Callable, Sequence
 
 from semlive.report.document.blocks import Block, Bullets, Document, FigureBlock, KeyFigures, Listing, Paragraph, Section, Table
-from semlive.report.style import figure_bytes, publication_style
+from semlive.report.style import publication_style
 
 _UNESCAPED = " !$'*+,-./:;=?@_~[]{}|^`"
 """Characters of an SVG that a quoted address may contain: base64 of the complete text would be larger by a third."""
@@ -101,7 +101,7 @@ def _table(table: Table) -> str:
 
 
 def _figure(block: FigureBlock, number: int) -> str:
-    svg = urllib.parse.quote(figure_bytes(block.figure, "svg").decode("utf-8"), safe=_UNESCAPED)
+    svg = urllib.parse.quote(block.svg.decode("utf-8"), safe=_UNESCAPED)
     width = 96 * block.figure.get_size_inches()[0]
     title = html.escape(block.title)
     image = f'<img alt="{title}" width="{width:.0f}" src="data:image/svg+xml,{svg}">'

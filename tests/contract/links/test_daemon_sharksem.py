@@ -18,6 +18,7 @@ from semlive.service.checks.instrument import check_trigger
 from semlive.service.config.configuration import load_config
 from semlive.service.log.files import messages
 
+from ...waiting import RUN_END_S
 from .sharksem_peer import Microscope, Peer
 
 SIZE = 160
@@ -61,7 +62,7 @@ def configured(peer: Peer, folder: Path) -> Path:
 
 
 def semlive(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "semlive", *arguments], capture_output=True, text=True, timeout=250, check=False)
+    return subprocess.run([sys.executable, "-m", "semlive", *arguments], capture_output=True, text=True, timeout=RUN_END_S, check=False)
 
 
 def logged(folder: Path, topic: str) -> list[dict[str, Any]]:

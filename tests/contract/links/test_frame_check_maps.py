@@ -5,12 +5,10 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
-import pytest
 from bench_frame_check import judge, simulated_bench
 from frame_check_maps import ERRORS, simulated_truth, wrong_maps
 
 
-@pytest.mark.timeout(300)
 def test_wrong_maps_are_never_sound_and_nearly_all_are_explained(tmp_path: Path) -> None:
     assert len(ERRORS) == 11
     with simulated_bench(tmp_path, 217.4) as port:

@@ -304,7 +304,7 @@ def own_columns(effect: str, columns: Columns) -> BlockColumns:
     Most of these are the same parameters in every row, which need no sum: summing them took a tenth of the time of a live estimate.
     """
     index, value = columns.index, columns.value
-    if not len(index) or not index.shape[1] or index.strides[0] or (np.diff(index[0]) <= 0).any():
+    if not len(index) or not index.shape[1] or index.strides[0] or not _ascends(index[0]):
         return block_columns(effect, columns, np.arange(len(value)), len(value))
     low = int(index[0, 0])
     total = np.zeros((len(value), int(index[0, -1]) + 1 - low))
@@ -320,9 +320,13 @@ def _mean(total: NDArray[np.float64], count: NDArray[np.int64], sign: float) -> 
 def contiguous_slice(places: NDArray[np.int64]) -> slice | NDArray[np.int64]:
     """Convert distinct indices to a slice if they are consecutive and ascending. Indexing with a slice is four times as fast."""
     ahead = len(places) - 1
-    if ahead >= 0 and places[-1] - places[0] == ahead and bool((np.diff(places) == 1).all()):
+    if ahead >= 0 and places[-1] - places[0] == ahead and _ascends(places):
         return slice(int(places[0]), int(places[-1]) + 1)
     return places
+
+
+def _ascends(places: NDArray[np.int64]) -> bool:
+    return bool((places[1:] > places[:-1]).all())  # a quarter of the time of `np.diff`
 
 
 def _split(count: int, points: int) -> NDArray[np.int64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +121,7 @@ class Extent:
         return Extent(np.minimum(self.lowest_px, other.lowest_px), np.maximum(self.highest_px, other.highest_px))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class EstimatorState:
     """Everything accumulated so far; `update` returns a new one.
 
@@ -170,13 +171,13 @@ class EstimatorState:
     start_time_errors: StartTimeErrors = NO_START_TIME_ERRORS
     storage: Storage = IN_MEMORY
 
-    @property
+    @cached_property
     def model(self) -> tuple[Effect, ...]:
         """The effects of the model."""
         drift = () if self.drift is None else (self.drift,)
         return (self.distortion, *drift, *self.raster, self.row_shifts, self.start_time_errors, self.axes, self.motions)
 
-    @property
+    @cached_property
     def layout(self) -> Layout:
         """Index range of the parameters of each effect."""
         return Layout.of(self.model)
