@@ -123,14 +123,16 @@ COMPUTING = (
 WAITING = ("scenario/test_daemon", "scenario/test_demo", "scenario/test_bench", "fault/", "browser/", "contract/links/")
 """Tests that mostly wait for simulated machines in real time; the others compute."""
 LONG = (
-    *("scenario/test_demo_short", "unit/diagnose/test_decide", "scenario/test_daemon_stops", "scenario/diagnose/test_diagnose_unknown"),
-    *("fault/test_daemon_faults", "scenario/diagnose/test_diagnose_compare", "scenario/test_daemon_model", "unit/service/test_live_memory"),
-    *("fault/test_load_frame_campaign", "scenario/diagnose/test_diagnose_anew", "browser/test_page_watch", "unit/diagnose/test_taken_out"),
+    *("unit/diagnose/test_decide", "scenario/test_daemon_stops", "scenario/diagnose/test_diagnose_unknown", "fault/test_daemon_faults"),
+    *("scenario/diagnose/test_diagnose_compare", "scenario/test_daemon_model", "unit/service/test_live_memory"),
+    *("fault/test_load_frame_campaign", "scenario/test_demo_short", "scenario/diagnose/test_diagnose_anew", "browser/test_page_watch"),
+    *("unit/diagnose/test_taken_out",),
     *("scenario/test_daemon_resume", "unit/diagnose/test_resolution", "scenario/test_daemon_warns", "scenario/test_numerical_experiment"),
     *("scenario/test_daemon_out_of_memory", "scenario/test_daemon_operator_stage", "fault/test_every_map", "fault/test_refused_start"),
     *("scenario/test_daemon_warm_up", "scenario/test_daemon_triggered", "scenario/test_daemon_beam_shift", "browser/test_page_bench"),
 )
-"""Files of about a minute or more, in the order in which they begin: where one of them began last, a process worked alone for minutes."""
+"""Files of about a minute or more, in the order in which they begin: where one of them began last, a process worked alone for minutes. The
+longest one begins after wheel and documentation are built, which would make its simulated instrument late."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
