@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,11 +46,11 @@ def noise_scaled_design(observation: Observation, whiten: Whitener | None = None
     residual, rough = observation.residual_px(), rough_modes(observation)
     sigma_px = float(residual.std()) or 1e-6
     if whiten is None:
-        length_px, gaussian = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
-        whiten = make_whitener(observation.grid, observation.valid_blocks, length_px, sigma_px, gaussian)
+        window = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
+        whiten = make_whitener(observation.grid, observation.valid_blocks, window, sigma_px)
     columns = design(observation, whiten)
     for _ in range(PASSES):
-        columns = columns.rescaled(residual_scale(best_point(columns), rough))
+        columns = columns.rescaled(noise_scale(best_point(columns), rough).ratio)
     return columns
 
 
@@ -58,8 +60,21 @@ def rough_modes(observation: Observation) -> Array:
     return np.linalg.qr(shapes, mode="complete")[0][:, shapes.shape[1] :]
 
 
-def residual_scale(baseline: HyperparameterGrid, rough: Array) -> float:
-    """Root mean square of the rough part of the residual relative to that of unit noise."""
+@dataclass(frozen=True, slots=True)
+class NoiseScale:
+    """Size of the noise from the rough part of a residual.
+
+    Attributes:
+        ratio: root mean square relative to that of unit noise.
+        freedom: number of independent values in this estimate.
+    """
+
+    ratio: float
+    freedom: float
+
+
+def noise_scale(baseline: HyperparameterGrid, rough: Array) -> NoiseScale:
+    """Size of the noise of the rough part (b, k) of the residual of a baseline."""
     columns, residual = baseline.design, baseline.residual()
     f, b, _ = residual.shape
     to_rough = forward_substitution(rough_cholesky(columns.whiten.factor, rough), rough.T @ columns.whiten.factor)
@@ -70,6 +85,6 @@ def residual_scale(baseline: HyperparameterGrid, rough: Array) -> float:
         inside = np.zeros((columns.size, own.shape[1]))
         inside[columns.index[axis]] = own.T @ own
         explained += float(np.trace(baseline.best.solve(inside)[columns.index[axis]]))
-    freedom = 2.0 * len(to_rough) * (f - 1) - explained
+    freedom = max(2.0 * len(to_rough) * (f - 1) - explained, 1.0)
     limit = CLIP * 1.4826 * float(np.median(np.abs(residuals)))
-    return float(np.sqrt(np.sum(np.clip(residuals, -limit, limit) ** 2) / max(freedom, 1.0)))
+    return NoiseScale(float(np.sqrt(np.sum(np.clip(residuals, -limit, limit) ** 2) / freedom)), freedom)

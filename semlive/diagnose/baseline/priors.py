@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from semlive.diagnose.baseline.observation import Observation
 from semlive.estimate.joint.elimination.arrowhead import ComponentBlocks, factorise, sides
 from semlive.estimate.joint.observations.priors import Hyperparameters, Smoothness, gauge_precision, prior_precision, smoothness_precision
+from semlive.model.drift import DriftSpline
 
 Array = NDArray[np.float64]
 
@@ -19,6 +20,7 @@ SMOOTHEST_PX, WIDEST_PX = 3e-4, 100.0  # beyond these, the prior precision has n
 ROUGHEST_PX = 1.0  # of a drift, from knot to knot, as in the estimator: a drift with 75 px followed the residual of a bending
 ROTATION_FLOOR_RAD = 1e-9  # rotation of the specimen with each move is an effect of the dictionary (stage_yaw)
 WALK_LEVEL_PRECISION_RATIO = 1e-6  # precision of the level of a random walk, relative to that of its steps
+TIME_CONSTANT_RATIO = 1.6  # of neighbouring time constants of a relaxation, from two knots to the length of the run
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +30,12 @@ class DriftPrior:
     Attributes:
         bend_factor: typical curvature relative to the first choice; 0 for the smoothest drift.
         random_walk_px: standard deviation of the step of an additional random walk between knots, px.
+        relaxation_px: standard deviation of the amplitude of additional exponential decays from the start of the run, px.
     """
 
     bend_factor: float
     random_walk_px: float = 0.0
+    relaxation_px: float = 0.0
 
 
 # The first solution selected its smoothness with the effect in the data: a hidden jump makes the drift rough, and a rough drift absorbs the
@@ -41,7 +45,8 @@ SMOOTH_DRIFT_PRIORS = tuple(DriftPrior(by) for by in (0.01, 0.1, 1.0, 10.0, 100.
 # more likely by log odds of 130 to 150. Without it, oscillations with periods of 61 to 62 s were identified, which only held-out pairs
 # rejected.
 RANDOM_WALK_PRIORS = tuple(DriftPrior(0.0, wander_px) for wander_px in (0.0, 0.01, 0.03, 0.1, 0.3, 1.0))
-DRIFTS = (*SMOOTH_DRIFT_PRIORS, *RANDOM_WALK_PRIORS)
+RELAXATION_PRIORS = tuple(DriftPrior(0.0, relaxation_px=amplitude_px) for amplitude_px in (1.0, 10.0))
+DRIFTS = (*SMOOTH_DRIFT_PRIORS, *RANDOM_WALK_PRIORS, *RELAXATION_PRIORS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +107,7 @@ class PriorCache:
         first = self.observation.solution.hyper.drift
         by_kind = {}
         for drift in sorted(DRIFTS, key=lambda candidate: abs(math.log(candidate.bend_factor or 1.0))):
-            by_kind.setdefault((_drift_of(first, drift), drift.random_walk_px), drift)
+            by_kind.setdefault((_drift_of(first, drift), drift.random_walk_px, drift.relaxation_px), drift)
         return list(by_kind.values())
 
     def _evaluate(self, drift: DriftPrior, roughness_factor: float) -> BaselinePrior:
@@ -130,7 +135,9 @@ class PriorCache:
         precision = prior_precision(self.observation.state, hyper)[np.ix_(self.parameters, self.parameters)]
         precision[np.diag_indices_from(precision)] += WIDEST_PX**-2.0
         if drift.random_walk_px:
-            self._add_random_walk(precision, drift.random_walk_px)
+            self._add_drift(precision, self._random_walk(drift.random_walk_px))
+        if drift.relaxation_px:
+            self._add_drift(precision, self._relaxation(drift.relaxation_px))
         precision += self.gauge
         return precision
 
@@ -161,16 +168,30 @@ class PriorCache:
             self.half_log_dets[name, key] = factorise(precision, blocks, 0.0).half_log_det
         return self.half_log_dets[name, key]
 
-    def _add_random_walk(self, precision: Array, wander_px: float) -> None:
-        """Add the covariance of a random walk to the drift."""
-        state = self.observation.state
-        assert state.drift is not None  # there are pairs
-        steps = state.drift.roughness(1)
-        walk = np.linalg.inv(steps + WALK_LEVEL_PRECISION_RATIO * np.eye(len(steps))) * wander_px**2
-        start = state.layout.part("drift").start
+    def _random_walk(self, step_px: float) -> Array:
+        """(k, k) covariance of a random walk between the knots, px²."""
+        steps = self._drift_spline().roughness(1)
+        return np.asarray(np.linalg.inv(steps + WALK_LEVEL_PRECISION_RATIO * np.eye(len(steps))) * step_px**2, dtype=np.float64)
+
+    def _relaxation(self, amplitude_px: float) -> Array:
+        """(k, k) covariance of exponential decays with independent amplitudes, px²; coefficients of a decay are a decay."""
+        spline = self._drift_spline().spline
+        knots = spline.place(np.arange(spline.size))
+        count = max(2, math.ceil(math.log(max(knots[-1] / 2.0, 2.0)) / math.log(TIME_CONSTANT_RATIO)))
+        decays = np.exp(-knots[:, None] / np.geomspace(2.0, max(knots[-1], 4.0), count)) * amplitude_px
+        return np.asarray(decays @ decays.T)
+
+    def _drift_spline(self) -> DriftSpline:
+        drift = self.observation.state.drift
+        assert drift is not None  # there are pairs
+        return drift
+
+    def _add_drift(self, precision: Array, covariance: Array) -> None:
+        """Add a covariance of the coefficients to the drift along both axes."""
+        start = self.observation.state.layout.part("drift").start
         for axis in (0, 1):
-            at = np.searchsorted(self.parameters, start + axis + 2 * np.arange(len(steps)))
-            loose = np.linalg.inv(np.linalg.inv(precision[np.ix_(at, at)]) + walk)
+            at = np.searchsorted(self.parameters, start + axis + 2 * np.arange(len(covariance)))
+            loose = np.linalg.inv(np.linalg.inv(precision[np.ix_(at, at)]) + covariance)
             precision[np.ix_(at, at)] = 0.5 * (loose + loose.T)
 
 
