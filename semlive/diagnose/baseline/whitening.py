@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -50,6 +49,7 @@ class Whitener:
         factor: (b, b) lower Cholesky factor of the correlation of block means.
         inverse: (b, b) inverse factor. Multiplying with it takes a third of the time of a triangular solution.
         sigma_px: standard deviation of the block mean of one frame, px.
+        window: correlation of the noise over points.
         over_frames: for x and for y, (f, f) inverse lower factor of the covariance of the frames' noise, in units of `sigma_px`; None if
             frames have equal and independent noise.
     """
@@ -57,6 +57,7 @@ class Whitener:
     factor: NDArray[np.float64]
     inverse: NDArray[np.float64]
     sigma_px: float
+    window: Window
     over_frames: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def __call__(self, field: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -125,7 +126,7 @@ def make_whitener(grid: Grid, used: NDArray[np.int64], window: Window, sigma_px:
         sigma_px: standard deviation of the block mean of one frame, px.
     """
     factor = _factor(grid, used, window)
-    return Whitener(factor, forward_substitution(factor, np.eye(len(factor))), sigma_px)
+    return Whitener(factor, forward_substitution(factor, np.eye(len(factor))), sigma_px, window)
 
 
 def _factor(grid: Grid, used: NDArray[np.int64], window: Window) -> NDArray[np.float64]:
@@ -147,49 +148,64 @@ def block_correlation(grid: Grid, window: Window) -> NDArray[np.float64]:
     return np.asarray(np.kron(*along), dtype=np.float64)
 
 
-def most_likely_window(grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]) -> Window:
-    """Window that maximises the likelihood of the rough part of residuals (f, b, 2).
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowLikelihood:
+    """Likelihood of windows, given the rough part of residuals.
 
-    Lengths up to the subset edge with a square window come first. Other windows and greater lengths, as in maps that were smoothed or were
-    imported without their subset, are taken only where the data are much more likely.
-
-    Args:
+    Attributes:
         grid: grid of the points.
         used: (b,) indices of the used blocks.
-        residual: (f, b, 2) residuals, px.
         rough: (b, k) columns that span the rough part.
+        flat: (k, n) rough part of the residuals.
     """
-    longest = float(max(grid.subset_px, grid.step_px))
-    flat = rough.T @ np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1)
 
-    @cache
-    def score(window: Window) -> float:
+    grid: Grid
+    used: NDArray[np.int64]
+    rough: NDArray[np.float64]
+    flat: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]) -> WindowLikelihood:
+        """Likelihood given residuals (f, b, 2) of any unit."""
+        return cls(grid, used, rough, rough.T @ np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1))
+
+    def score(self, window: Window) -> float:
+        """Log likelihood with the most likely size of the noise."""
         try:
-            factor = rough_cholesky(_factor(grid, used, window), rough)
+            factor = rough_cholesky(_factor(self.grid, self.used, window), self.rough)
         except np.linalg.LinAlgError:  # a window much longer than the blocks: singular in double precision
             return -np.inf
-        white = forward_substitution(factor, flat)
-        volume = flat.shape[1] * float(np.sum(np.log(np.diag(factor))))
+        white = forward_substitution(factor, self.flat)
+        volume = self.flat.shape[1] * float(np.sum(np.log(np.diag(factor))))
         return -0.5 * white.size * float(np.log(float(np.mean(white**2)) or 1e-300)) - volume
 
-    usual = max((Window(float(length_px)) for length_px in np.unique(np.linspace(grid.step_px, longest, LENGTHS))), key=score)
-    field_px = min(float(np.ptp(grid.x_px)), float(np.ptp(grid.y_px)))
-    beyond = np.geomspace(longest, max(field_px / 4.0, 1.1 * longest), OTHER_LENGTHS).tolist()
-    lengths_px = (0.5 * longest, 0.75 * longest, *beyond)
-    other = max((Window(length_px, gaussian) for gaussian in OTHER_WINDOWS for length_px in lengths_px), key=score)
-    odds = MIN_WINDOW_ODDS + MIN_WINDOW_ODDS_PER_NUMBER * flat.size
-    return _refined(other if score(other) > score(usual) + odds else usual, score, float(grid.step_px))
+    def most_likely(self) -> Window:
+        """The most likely window.
 
+        Lengths up to the subset edge with a square window come first. Other windows and greater lengths, as in maps that were smoothed or
+        were imported without their subset, are taken only where the data are much more likely.
+        """
+        longest = float(max(self.grid.subset_px, self.grid.step_px))
+        usual = [Window(float(length_px)) for length_px in np.unique(np.linspace(self.grid.step_px, longest, LENGTHS))]
+        scores = [self.score(window) for window in usual]
+        field_px = min(float(np.ptp(self.grid.x_px)), float(np.ptp(self.grid.y_px)))
+        beyond = np.geomspace(longest, max(field_px / 4.0, 1.1 * longest), OTHER_LENGTHS)
+        lengths_px = [float(length_px) for length_px in (0.5 * longest, 0.75 * longest, *beyond)]
+        others = [Window(length_px, gaussian) for gaussian in OTHER_WINDOWS for length_px in lengths_px]
+        other_scores = [self.score(window) for window in others]
+        best, other = int(np.argmax(scores)), int(np.argmax(other_scores))
+        odds = MIN_WINDOW_ODDS + MIN_WINDOW_ODDS_PER_NUMBER * self.flat.size
+        return others[other] if other_scores[other] > scores[best] + odds else usual[best]
 
-def _refined(first: Window, score: Callable[[Window], float], step_px: float) -> Window:
-    """The most likely window close to the first one; the first one if the data are hardly more likely."""
-    best = first
-    for _ in range(REFINEMENT_PASSES):
-        lengths_px = (max(step_px, best.length_px * factor) for factor in REFINED_LENGTHS)
-        best = max((best, *(replace(best, length_px=length_px) for length_px in lengths_px)), key=score)
-        best = max((best, *(replace(best, gaussian=gaussian) for gaussian in REFINED_SHAPES)), key=score)
-        best = max((best, *(replace(best, own=own) for own in REFINED_OWN)), key=score)
-    return best if score(best) > score(first) + MIN_REFINEMENT_ODDS else first
+    def refined(self, first: Window) -> Window:
+        """The most likely window close to the first one; the first one if the data are hardly more likely."""
+        score, best = cache(self.score), first
+        for _ in range(REFINEMENT_PASSES):
+            lengths_px = (max(float(self.grid.step_px), best.length_px * factor) for factor in REFINED_LENGTHS)
+            best = max((best, *(replace(best, length_px=length_px) for length_px in lengths_px)), key=score)
+            best = max((best, *(replace(best, gaussian=gaussian) for gaussian in REFINED_SHAPES)), key=score)
+            best = max((best, *(replace(best, own=own) for own in REFINED_OWN)), key=score)
+        return best if score(best) > score(first) + MIN_REFINEMENT_ODDS else first
 
 
 def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,48 @@
+"""Runs without an effect from a generator that shares no code with semlive. Each was given an effect, or UNKNOWN, for the reason stated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from foreign.noise import SHAPES
+from foreign.world import Raster, Series, write
+
+from semlive.data.diagnosis.effects import Outcome
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
+from semlive.service.diagnosis.run import diagnose_log
+from semlive.service.log.opened_log import OpenedLog
+from semlive.service.replay.import_maps import ImportRequest, import_folder
+
+RASTER = Raster(width=640, height=552, step_px=16, margin_px=64)
+
+
+def imported(shape: str, seed: int, folder: Path) -> OpenedLog:
+    """Log of seven pairs of maps, imported without a hint about the subset."""
+    write(Series(seed, 4, 3, raster=RASTER), SHAPES[shape], folder / "maps")
+    import_folder(ImportRequest(folder / "maps", folder / "maps.mcap"))
+    return OpenedLog(folder / "maps.mcap")
+
+
+@pytest.mark.parametrize(
+    ("shape", "seed"),
+    [
+        pytest.param("square", 700_017, id="drift with a fast relaxation"),
+        pytest.param("heavy tails, rounded", 700_015, id="a fifth of the variance at each point"),
+        pytest.param("smoothed", 700_029, id="few independent points"),
+        pytest.param("composed, own", 700_064, id="interpolated noise of composed maps"),
+    ],
+)
+def test_noise_is_no_effect(shape: str, seed: int, tmp_path: Path) -> None:
+    found, _ = diagnose_log(imported(shape, seed, tmp_path))
+    assert (found.outcome, found.effects) == (Outcome.NONE, ())
+
+
+def test_a_drift_that_relaxes_from_the_start_is_more_likely_than_a_uniformly_curved_one(tmp_path: Path) -> None:
+    """Decays within 130 to 600 s, knots 30 s apart: no curvature of one size describes them."""
+    _, observation = diagnose_log(imported("square", 700_017, tmp_path))
+    points = [
+        (point.prior_choice[0], point.evidence) for point in noise_scaled_baseline(observation).points if point.prior_choice is not None
+    ]
+    relaxed, uniform = (max(evidence for prior, evidence in points if bool(prior.relaxation_px) is kind) for kind in (True, False))
+    assert relaxed > uniform + 15.0
