@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
-from semlive.diagnose.baseline.projection import CandidateProjection, WhitenedColumns, project_candidate
+from semlive.diagnose.baseline.projection import ProjectedBatch, Projections, WhitenedColumns, project_batches
 from semlive.diagnose.baseline.wide_fields import WideField
-from semlive.diagnose.parallel import WORKERS, parallel_map
+from semlive.diagnose.parallel import parallel_map
 from semlive.model.effects import EffectClass
 
 Array = NDArray[np.float64]
@@ -120,8 +121,8 @@ def information(baseline: HyperparameterGrid, field: Array) -> tuple[Array, Arra
 
 
 def project_candidates(
-    baseline: HyperparameterGrid, families: Sequence[EffectClass], so_far: Mapping[str, CandidateProjection] = MappingProxyType({})
-) -> dict[str, CandidateProjection]:
+    baseline: HyperparameterGrid, families: Sequence[EffectClass], so_far: Projections = MappingProxyType({})
+) -> Projections:
     """Whiten the basis fields of each effect class, for repeated use with the same baseline and further effects.
 
     Returns an empty mapping if the projections need more than half a gigabyte.
@@ -131,18 +132,27 @@ def project_candidates(
         families: effect classes to project.
         so_far: stored projections.
     """
-    scene, projections_by_name = baseline.design.observation.geometry, dict(so_far)
-    for first in range(0, len(families), WORKERS):
-        batch = families[first : first + WORKERS]
-        projections = parallel_map(lambda family: project_candidate(baseline, family, scene), batch)
-        projections_by_name |= {family.name: value for family, value in zip(batch, projections, strict=True) if value is not None}
-        if sum(projection.nbytes for projection in projections_by_name.values()) > MAX_BYTES:
-            return {}
-    return projections_by_name
+    sizes = [batch.nbytes for batches in so_far.values() for batch in batches]
+
+    def project_class(family: EffectClass) -> tuple[ProjectedBatch, ...]:
+        batches = list[ProjectedBatch]()
+        if sum(sizes) > MAX_BYTES:
+            return ()
+        for batch in project_batches(baseline, family):
+            batches.append(batch)
+            sizes.append(batch.nbytes)  # of the classes in all threads
+            if sum(sizes) > MAX_BYTES:
+                return ()
+        return tuple(batches)
+
+    projections = parallel_map(project_class, families)
+    if sum(sizes) > MAX_BYTES:
+        return {}
+    return {**so_far, **{family.name: batches for family, batches in zip(families, projections, strict=True) if batches}}
 
 
 def score_candidates(
-    baseline: HyperparameterGrid, families: Sequence[EffectClass], projections: Mapping[str, CandidateProjection] | None = None
+    baseline: HyperparameterGrid, families: Sequence[EffectClass], projections: Projections | None = None
 ) -> tuple[CandidateEvidence, ...]:
     """Compute the evidence of effect classes; classes not observable in this run are left out.
 
@@ -151,7 +161,7 @@ def score_candidates(
         families: effect classes to score.
         projections: result of `project_candidates` for the same baseline without the latest effects; None: not stored.
     """
-    evidence = parallel_map(lambda family: _evidence(baseline, family, _projection(baseline, family, projections)), families)
+    evidence = parallel_map(lambda family: _evidence(baseline, family, _batches(baseline, family, projections)), families)
     return tuple(effect for effect in evidence if effect is not None)
 
 
@@ -159,7 +169,7 @@ def with_draws(
     baseline: HyperparameterGrid,
     candidates: Sequence[CandidateEvidence],
     draws: NullDraws,
-    projections: Mapping[str, CandidateProjection] | None = None,
+    projections: Projections | None = None,
 ) -> tuple[CandidateEvidence, ...]:
     """Add Bayes factors of bootstrap draws of the null hypothesis to scored classes; `projections` as for `score_candidates`."""
     return tuple(
@@ -167,19 +177,23 @@ def with_draws(
     )
 
 
-def _projection(
-    baseline: HyperparameterGrid, family: EffectClass, projections: Mapping[str, CandidateProjection] | None
-) -> CandidateProjection | None:
-    return (projections or {}).get(family.name) or project_candidate(baseline, family, baseline.design.observation.geometry)
+def _batches(baseline: HyperparameterGrid, family: EffectClass, projections: Projections | None) -> Iterable[ProjectedBatch]:
+    return (projections or {}).get(family.name) or project_batches(baseline, family)
 
 
-def _evidence(baseline: HyperparameterGrid, family: EffectClass, projection: CandidateProjection | None) -> CandidateEvidence | None:
-    if projection is None:
-        return None
+def _evidence(baseline: HyperparameterGrid, family: EffectClass, batches: Iterable[ProjectedBatch]) -> CandidateEvidence | None:
     sizes, base = sizes_of(family), np.array([point.evidence for point in baseline.points]) - baseline.evidence
-    fields = [field for batch in projection.batches for field in _scored_fields(baseline, batch, sizes)]
+
+    def score(batch: ProjectedBatch) -> tuple[tuple[dict[str, float], ...], list[tuple[ProjectedField | WideField, Array]]]:
+        return batch.values, list(_scored_fields(baseline, batch.columns, sizes))
+
+    scored = list(map(score, batches))  # unlike a loop, `map` retains no batch while the next one is built
+    if not scored:
+        return None
+    fields = [field for _, each in scored for field in each]
     factors = np.stack([factor for _, factor in fields]) + base[None, :, None]
-    return CandidateEvidence(family, projection.values, tuple(field for field, _ in fields), factors, np.zeros(0))
+    values = tuple(value for each, _ in scored for value in each)
+    return CandidateEvidence(family, values, tuple(field for field, _ in fields), factors, np.zeros(0))
 
 
 def field_log_factors(baseline: HyperparameterGrid, field: Array, sizes_px: Array) -> Array:
@@ -212,21 +226,16 @@ def _scored_fields(
 
 
 def _null_log_factors(
-    baseline: HyperparameterGrid, candidate: CandidateEvidence, draws: NullDraws, projections: Mapping[str, CandidateProjection] | None
+    baseline: HyperparameterGrid, candidate: CandidateEvidence, draws: NullDraws, projections: Projections | None
 ) -> Array:
     """(draws,) log Bayes factor of a class at the most likely point."""
-    projection, sizes, point, basis_fields = (
-        _projection(baseline, candidate.family, projections),
-        sizes_of(candidate.family),
-        baseline.points.index(baseline.best),
-        iter(candidate.projected_fields),
-    )
-    assert projection is not None  # it was weighed
-    null = []
-    for batch in projection.batches:
-        half = baseline.best.half(batch.products_with(baseline.design))
-        samples = draws.gradient(batch, half)
-        for own in batch.spans:
+    sizes, point, basis_fields = sizes_of(candidate.family), baseline.points.index(baseline.best), iter(candidate.projected_fields)
+
+    def score(batch: ProjectedBatch) -> list[Array]:
+        half = baseline.best.half(batch.columns.products_with(baseline.design))
+        samples = draws.gradient(batch.columns, half)
+        null = []
+        for own in batch.columns.spans:
             basis_field = next(basis_fields)
             if isinstance(basis_field, WideField):
                 null.append(basis_field.log_factors(half[:, own], baseline.best.factor.sides, samples[:, own], sizes))
@@ -234,6 +243,9 @@ def _null_log_factors(
             gains = np.outer(sizes**2, basis_field.values[point])
             fit = (samples[:, own] @ basis_field.vectors[point]) ** 2 @ (sizes[:, None] ** 2 / (1.0 + gains)).T
             null.append(0.5 * (fit - np.log1p(gains).sum(axis=1)))
+        return null
+
+    null = list(chain.from_iterable(map(score, _batches(baseline, candidate.family, projections))))
     return np.asarray(np.logaddexp.reduce(np.stack(null), axis=(0, 2)) - np.log(len(null) * len(sizes)))
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, score_candidates
-from semlive.diagnose.baseline.projection import CandidateProjection
+from semlive.diagnose.baseline.projection import Projections
 from semlive.diagnose.maps.refinement import RefinedEffect, refined
 from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.diagnose.parallel import parallel_map
@@ -118,7 +118,7 @@ def reselect_effects(
     baseline_with_effects: HyperparameterGrid,
     effects: tuple[SelectedEffect, ...],
     families: Sequence[EffectClass],
-    projections: Mapping[str, CandidateProjection],
+    projections: Projections,
 ) -> tuple[HyperparameterGrid, tuple[SelectedEffect, ...]]:
     """Score each selected effect again jointly with the others; replace it if another effect is more likely.
 

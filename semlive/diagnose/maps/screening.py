@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, project_ca
 from semlive.diagnose.baseline.model_effects import add_model_effects
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import Observation
-from semlive.diagnose.baseline.projection import CandidateProjection
+from semlive.diagnose.baseline.projection import Projections
 from semlive.diagnose.baseline.whitening import Whitener
 from semlive.diagnose.maps.effect_selection import refine_parameters
 from semlive.model.effects import EffectClass
@@ -33,7 +33,7 @@ class Screening:
 
     baseline: HyperparameterGrid
     model_fields: tuple[NDArray[np.float64], ...]
-    projected_candidates: Mapping[str, CandidateProjection]
+    projected_candidates: Projections
     candidates: tuple[CandidateEvidence, ...]
 
     @classmethod

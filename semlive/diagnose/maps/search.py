@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws, project_candidates, score_candidates, with_draws
-from semlive.diagnose.baseline.projection import CandidateProjection
+from semlive.diagnose.baseline.projection import Projections
 from semlive.diagnose.maps.effect_selection import (
     MIN_LOG_ODDS,
     SIGNIFICANCE_LEVEL,
@@ -111,7 +111,7 @@ def _round_work(state: Search, candidates: Sequence[CandidateEvidence]) -> float
 
 
 def _score_remaining(
-    state: Search, dictionary: Sequence[EffectClass], projections: Mapping[str, CandidateProjection], draws: tuple[int, int]
+    state: Search, dictionary: Sequence[EffectClass], projections: Projections, draws: tuple[int, int]
 ) -> tuple[CandidateEvidence, ...]:
     """Score the remaining candidates; null draws are computed only if a candidate is significant."""
     remaining = (family for family in dictionary if state.excluded.count(family) < family.max_count)
@@ -148,7 +148,7 @@ def _with_effect(
     best: CandidateEvidence,
     p_value: float,
     dictionary: Sequence[EffectClass],
-    projections: Mapping[str, CandidateProjection],
+    projections: Projections,
 ) -> Search:
     candidates = [candidate for candidate in scored if candidate.family not in ALL_UNNAMED_CLASSES]
     rivals = tuple(candidate for candidate in candidates if candidate is not best and candidate.log_factor > best.log_factor - MIN_LOG_ODDS)
