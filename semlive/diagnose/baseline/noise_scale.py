@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid
 from semlive.diagnose.baseline.design_matrix import DesignMatrix, design
 from semlive.diagnose.baseline.observation import Observation
-from semlive.diagnose.baseline.whitening import Whitener, WindowLikelihood, make_whitener, rough_cholesky
+from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window, rough_cholesky
 from semlive.kernels.linear_algebra import forward_substitution
 from semlive.model.effects import RunGeometry
 
@@ -46,8 +46,8 @@ def noise_scaled_design(observation: Observation, whiten: Whitener | None = None
     residual, rough = observation.residual_px(), rough_modes(observation)
     sigma_px = float(residual.std()) or 1e-6
     if whiten is None:
-        likelihood = WindowLikelihood.of(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
-        whiten = make_whitener(observation.grid, observation.valid_blocks, likelihood.most_likely(), sigma_px)
+        length_px, gaussian = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
+        whiten = make_whitener(observation.grid, observation.valid_blocks, length_px, sigma_px, gaussian)
     columns = design(observation, whiten)
     for _ in range(PASSES):
         columns = columns.rescaled(noise_scale(best_point(columns), rough).ratio)

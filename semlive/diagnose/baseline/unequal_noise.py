@@ -1,4 +1,4 @@
-"""Noise that differs between frames, components and places, is shared by the two frames of a pair, or is seen through another window.
+"""Noise that differs between frames, components and places, or is shared by the two frames of a pair.
 
 Maps to the second frame of a pair that were composed of two maps share the noise of the first. A noisy frame, or a poor texture in a part
 of the field, has noise of its own size. With one size for all, such a run contains significant patterns without any effect.
@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.noise_scale import CLIP, modes, rough_modes
-from semlive.diagnose.baseline.whitening import Whitener, WindowLikelihood, make_whitener, rough_cholesky
+from semlive.diagnose.baseline.whitening import Whitener, rough_cholesky
 
 Array = NDArray[np.float64]
 SIGNIFICANT_DEVIATION = 5.0  # standard deviations of the statistics under equal and independent noise
@@ -37,9 +37,8 @@ class UnequalNoise:
 
 def unequal_noise(baseline: HyperparameterGrid) -> UnequalNoise | None:
     """Noise of the rough residual of a baseline; None if it is consistent with equal, independent noise of all frames."""
-    whiten, rough = _refined(baseline), rough_modes(baseline.design.observation)
-    residual = whiten.inverse @ (baseline.design.whiten.factor @ baseline.residual())
-    other_window = whiten is not baseline.design.whiten
+    whiten, rough = baseline.design.whiten, rough_modes(baseline.design.observation)
+    residual = baseline.residual()
     over_field = _over_field(baseline, whiten, residual)
     to_rough = solve_triangular(rough_cholesky(whiten.factor, rough), rough.T @ whiten.factor, lower=True, check_finite=False)
     white = np.einsum("kb,fbc->fkc", to_rough, residual)
@@ -50,25 +49,16 @@ def unequal_noise(baseline: HyperparameterGrid) -> UnequalNoise | None:
     excess = float(np.sum(ratio - 1.0 - np.log(ratio))) * freedom - ratio.size
     frames_differ = excess > SIGNIFICANT_DEVIATION * np.sqrt(2.0 * ratio.size)
     shared = _shared_by_pairs(white)
-    if over_field is None and not frames_differ and not shared and not other_window:
+    if over_field is None and not frames_differ and not shared:
         return None
     scale = np.sqrt(ratio) if frames_differ else np.ones_like(ratio)
-    count = (scale.size if frames_differ else 0) + (1 if shared else 0) + (0 if over_field is None else 5) + (3 if other_window else 0)
+    count = (scale.size if frames_differ else 0) + (1 if shared else 0) + (0 if over_field is None else 5)
     changed = whiten
     if over_field is not None:
         changed = replace(whiten, factor=over_field[:, None] * whiten.factor, inverse=whiten.inverse / over_field)
     if frames_differ or shared:
         changed = replace(changed, over_frames=(_inverse_factor(scale[:, 0], shared), _inverse_factor(scale[:, 1], shared)))
     return UnequalNoise(changed, 0.5 * count * float(np.log(0.5 * freedom)))
-
-
-def _refined(baseline: HyperparameterGrid) -> Whitener:
-    """Whitening with the window of the noise refined; that of the baseline if no other window is more likely."""
-    whiten, observation = baseline.design.whiten, baseline.design.observation
-    residual = whiten.factor @ baseline.residual()
-    likelihood = WindowLikelihood.of(observation.grid, observation.valid_blocks, residual, rough_modes(observation))
-    window = likelihood.refined(whiten.window)
-    return whiten if window == whiten.window else make_whitener(observation.grid, observation.valid_blocks, window, whiten.sigma_px)
 
 
 def _shared_by_pairs(white: Array) -> float:

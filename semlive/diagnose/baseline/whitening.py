@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,26 +18,6 @@ OTHER_LENGTHS, OTHER_WINDOWS = 6, (0.0, 0.45, 1.0)  # lengths beyond the subset,
 # neighbours lose 0.1 for each number; the small differences between windows of one area do not matter for a verdict.
 MIN_WINDOW_ODDS, MIN_WINDOW_ODDS_PER_NUMBER = 10.0, 0.01
 LENGTHS = 9  # number of candidate correlation lengths, from the distance of points to the subset size
-# Refinement of the most likely window by one parameter at a time. In runs without an effect, a round window with a fifth of the variance
-# at each point was more likely by 25 to 39 than a square one; with the square one 8 of 100 such runs had smooth fields beyond the noise.
-REFINED_LENGTHS, REFINED_SHAPES = (0.8, 0.9, 1.0, 1.1, 1.25, 1.5), (0.0, 0.2, 0.45, 1.0)
-REFINED_OWN = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45)
-REFINEMENT_PASSES, MIN_REFINEMENT_ODDS = 3, 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """Correlation of the noise over points.
-
-    Attributes:
-        length_px: correlation length: the subset edge for overlapping subsets, or the step for independent points, px.
-        gaussian: share of a Gaussian in the window of the subsets, 0 to 1; see `window_correlation`.
-        own: fraction of the variance that each point has for itself.
-    """
-
-    length_px: float
-    gaussian: float = 0.0
-    own: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +28,6 @@ class Whitener:
         factor: (b, b) lower Cholesky factor of the correlation of block means.
         inverse: (b, b) inverse factor. Multiplying with it takes a third of the time of a triangular solution.
         sigma_px: standard deviation of the block mean of one frame, px.
-        window: correlation of the noise over points.
         over_frames: for x and for y, (f, f) inverse lower factor of the covariance of the frames' noise, in units of `sigma_px`; None if
             frames have equal and independent noise.
     """
@@ -57,7 +35,6 @@ class Whitener:
     factor: NDArray[np.float64]
     inverse: NDArray[np.float64]
     sigma_px: float
-    window: Window
     over_frames: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def __call__(self, field: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -116,96 +93,73 @@ class Whitener:
         return np.asarray(free / np.linalg.norm(free))
 
 
-def make_whitener(grid: Grid, used: NDArray[np.int64], window: Window, sigma_px: float) -> Whitener:
-    """Whitener for noise seen through a window.
+def make_whitener(grid: Grid, used: NDArray[np.int64], length_px: float, sigma_px: float, gaussian: float = 0.0) -> Whitener:
+    """Whitener for noise with an autocorrelation of a given length along x and y, triangular by default.
 
     Args:
         grid: grid of the points.
         used: (b,) indices of the used blocks.
-        window: correlation of the noise over points.
+        length_px: correlation length: the subset edge for overlapping subsets, or the step for independent points, px.
         sigma_px: standard deviation of the block mean of one frame, px.
+        gaussian: share of a Gaussian in the window of the subsets, 0 to 1; see `window_correlation`.
     """
-    factor = _factor(grid, used, window)
-    return Whitener(factor, forward_substitution(factor, np.eye(len(factor))), sigma_px, window)
+    factor = _factor(grid, used, (length_px, gaussian))
+    return Whitener(factor, forward_substitution(factor, np.eye(len(factor))), sigma_px)
 
 
-def _factor(grid: Grid, used: NDArray[np.int64], window: Window) -> NDArray[np.float64]:
-    """(b, b) lower Cholesky factor of the correlation of block means."""
-    correlation = block_correlation(grid, window)[np.ix_(used, used)]
+def _factor(grid: Grid, used: NDArray[np.int64], window: tuple[float, float]) -> NDArray[np.float64]:
+    """(b, b) lower Cholesky factor of the correlation of block means for a window of given length and shape."""
+    correlation = block_correlation(grid, *window)[np.ix_(used, used)]
     root = np.sqrt(np.diag(correlation))
     return cholesky(correlation / np.outer(root, root))
 
 
-def block_correlation(grid: Grid, window: Window) -> NDArray[np.float64]:
+def block_correlation(grid: Grid, length_px: float, gaussian: float = 0.0) -> NDArray[np.float64]:
     """(blocks, blocks) covariance of the means of all blocks' points, in units of one point's variance."""
-    if window.own:
-        parts = (1.0 - window.own, Window(window.length_px, window.gaussian)), (window.own, Window(float(grid.step_px)))
-        return np.sum([share * block_correlation(grid, part) for share, part in parts], axis=0)
     blocks = Blocks.of(grid)
     rows, columns = blocks.layout
     block = blocks.block.reshape(grid.shape)
-    along = _along(grid.y_px, block[:, 0] // columns, rows, window), _along(grid.x_px, block[0], columns, window)
-    return np.asarray(np.kron(*along), dtype=np.float64)
+    correlation = np.kron(
+        _along(grid.y_px, block[:, 0] // columns, rows, (length_px, gaussian)), _along(grid.x_px, block[0], columns, (length_px, gaussian))
+    )
+    return np.asarray(correlation, dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class WindowLikelihood:
-    """Likelihood of windows, given the rough part of residuals.
+def most_likely_window(
+    grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Correlation length, px, and Gaussian share of the window that maximise the likelihood of the rough part of residuals (f, b, 2).
 
-    Attributes:
+    Lengths up to the subset edge with a square window come first. Other windows and greater lengths, as in maps that were smoothed or were
+    imported without their subset, are taken only where the data are much more likely.
+
+    Args:
         grid: grid of the points.
         used: (b,) indices of the used blocks.
+        residual: (f, b, 2) residuals, px.
         rough: (b, k) columns that span the rough part.
-        flat: (k, n) rough part of the residuals.
     """
+    longest = float(max(grid.subset_px, grid.step_px))
+    flat = rough.T @ np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1)
 
-    grid: Grid
-    used: NDArray[np.int64]
-    rough: NDArray[np.float64]
-    flat: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]) -> WindowLikelihood:
-        """Likelihood given residuals (f, b, 2) of any unit."""
-        return cls(grid, used, rough, rough.T @ np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1))
-
-    def score(self, window: Window) -> float:
-        """Log likelihood with the most likely size of the noise."""
+    def score(length_px: float, gaussian: float) -> float:
         try:
-            factor = rough_cholesky(_factor(self.grid, self.used, window), self.rough)
+            factor = rough_cholesky(_factor(grid, used, (length_px, gaussian)), rough)
         except np.linalg.LinAlgError:  # a window much longer than the blocks: singular in double precision
             return -np.inf
-        white = forward_substitution(factor, self.flat)
-        volume = self.flat.shape[1] * float(np.sum(np.log(np.diag(factor))))
+        white = forward_substitution(factor, flat)
+        volume = flat.shape[1] * float(np.sum(np.log(np.diag(factor))))
         return -0.5 * white.size * float(np.log(float(np.mean(white**2)) or 1e-300)) - volume
 
-    def most_likely(self) -> Window:
-        """The most likely window.
-
-        Lengths up to the subset edge with a square window come first. Other windows and greater lengths, as in maps that were smoothed or
-        were imported without their subset, are taken only where the data are much more likely.
-        """
-        longest = float(max(self.grid.subset_px, self.grid.step_px))
-        usual = [Window(float(length_px)) for length_px in np.unique(np.linspace(self.grid.step_px, longest, LENGTHS))]
-        scores = [self.score(window) for window in usual]
-        field_px = min(float(np.ptp(self.grid.x_px)), float(np.ptp(self.grid.y_px)))
-        beyond = np.geomspace(longest, max(field_px / 4.0, 1.1 * longest), OTHER_LENGTHS)
-        lengths_px = [float(length_px) for length_px in (0.5 * longest, 0.75 * longest, *beyond)]
-        others = [Window(length_px, gaussian) for gaussian in OTHER_WINDOWS for length_px in lengths_px]
-        other_scores = [self.score(window) for window in others]
-        best, other = int(np.argmax(scores)), int(np.argmax(other_scores))
-        odds = MIN_WINDOW_ODDS + MIN_WINDOW_ODDS_PER_NUMBER * self.flat.size
-        return others[other] if other_scores[other] > scores[best] + odds else usual[best]
-
-    def refined(self, first: Window) -> Window:
-        """The most likely window close to the first one; the first one if the data are hardly more likely."""
-        score, best = cache(self.score), first
-        for _ in range(REFINEMENT_PASSES):
-            lengths_px = (max(float(self.grid.step_px), best.length_px * factor) for factor in REFINED_LENGTHS)
-            best = max((best, *(replace(best, length_px=length_px) for length_px in lengths_px)), key=score)
-            best = max((best, *(replace(best, gaussian=gaussian) for gaussian in REFINED_SHAPES)), key=score)
-            best = max((best, *(replace(best, own=own) for own in REFINED_OWN)), key=score)
-        return best if score(best) > score(first) + MIN_REFINEMENT_ODDS else first
+    usual = [(float(length_px), 0.0) for length_px in np.unique(np.linspace(grid.step_px, longest, LENGTHS))]
+    scores = [score(*window) for window in usual]
+    field_px = min(float(np.ptp(grid.x_px)), float(np.ptp(grid.y_px)))
+    beyond = np.geomspace(longest, max(field_px / 4.0, 1.1 * longest), OTHER_LENGTHS)
+    others = [(float(length_px), gaussian) for gaussian in OTHER_WINDOWS for length_px in (0.5 * longest, 0.75 * longest, *beyond)]
+    other_scores = [score(*window) for window in others]
+    best, other = int(np.argmax(scores)), int(np.argmax(other_scores))
+    odds = MIN_WINDOW_ODDS + MIN_WINDOW_ODDS_PER_NUMBER * flat.size
+    return others[other] if other_scores[other] > scores[best] + odds else usual[best]
 
 
 def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -214,12 +168,11 @@ def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> N
     return cholesky(half @ half.T)
 
 
-def _along(position: NDArray[np.float64], member: NDArray[np.int64], count: int, window: Window) -> NDArray[np.float64]:
-    """(count, count) mean correlation between the points of each two groups along one axis, without the points' own noise."""
-    distance_px, length_px = np.abs(np.subtract.outer(position, position)), window.length_px
-    close = (
-        window_correlation(distance_px, length_px, window.gaussian) if window.gaussian else np.clip(1.0 - distance_px / length_px, 0, None)
-    )
+def _along(position: NDArray[np.float64], member: NDArray[np.int64], count: int, window: tuple[float, float]) -> NDArray[np.float64]:
+    """(count, count) mean correlation between the points of each two groups along one axis, for a window of given length and shape."""
+    length_px, gaussian = window
+    distance_px = np.abs(np.subtract.outer(position, position))
+    close = window_correlation(distance_px, length_px, gaussian) if gaussian else np.clip(1.0 - distance_px / length_px, 0.0, None)
     share = (member[None, :] == np.arange(count)[:, None]).astype(np.float64)
     share /= share.sum(axis=1, keepdims=True)
     return np.asarray(share @ close @ share.T, dtype=np.float64)

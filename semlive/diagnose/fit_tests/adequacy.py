@@ -31,7 +31,7 @@ from semlive.diagnose.baseline.design_matrix import BaselineEffect, DesignMatrix
 from semlive.diagnose.baseline.noise_scale import noise_scale, rough_modes
 from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, evaluate_estimate
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
-from semlive.diagnose.baseline.whitening import Whitener, WindowLikelihood, make_whitener
+from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window
 from semlive.diagnose.fit_tests.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts, fraction_waves
 from semlive.estimate.joint.observations.normal_equations import map_columns
 from semlive.estimate.joint.solution.posterior import Solution
@@ -154,9 +154,8 @@ def adequacy_of_design(columns: DesignMatrix, effects: Sequence[AllowedField] = 
 
 def _most_likely_whitener(observation: Observation) -> Whitener:
     residual = observation.residual_px()
-    rough = rough_modes(observation)
-    likelihood = WindowLikelihood.of(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
-    return make_whitener(observation.grid, observation.valid_blocks, likelihood.most_likely(), float(residual.std()) or 1e-6)
+    window = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough_modes(observation))
+    return make_whitener(observation.grid, observation.valid_blocks, window[0], float(residual.std()) or 1e-6, window[1])
 
 
 def _noise_scaled(columns: DesignMatrix, allowed: Sequence[AllowedField]) -> tuple[HyperparameterGrid, float]:

@@ -28,7 +28,6 @@ def imported(shape: str, seed: int, folder: Path) -> OpenedLog:
     ("shape", "seed"),
     [
         pytest.param("square", 700_017, id="drift with a fast relaxation"),
-        pytest.param("heavy tails, rounded", 700_015, id="a fifth of the variance at each point"),
         pytest.param("smoothed", 700_029, id="few independent points"),
         pytest.param("composed, own", 700_064, id="interpolated noise of composed maps"),
     ],
