@@ -36,6 +36,7 @@ class NoiseCorrelation:
     Attributes:
         edge_px: edge of the square with the area of correlation, px: points in it are worth one; 0 for independent points.
         gaussian: share of a Gaussian in the window, from 0 (square) to 1 (Gaussian).
+        window_px: correlation length of what points share, px; 0 for independent points.
         own_fraction: fraction of the variance that each point has for itself.
         sigma_px: standard deviations of u and v, px.
         maps: number of maps in the estimate.
@@ -43,6 +44,7 @@ class NoiseCorrelation:
 
     edge_px: float
     gaussian: float
+    window_px: float
     own_fraction: float
     sigma_px: tuple[float, float]
     maps: int
@@ -99,9 +101,11 @@ def correlation_of(maps: Sequence[DisparityMap]) -> NoiseCorrelation | None:
     grid, values = maps[0].grid, np.array(variograms)
     defined = np.isfinite(values).any(axis=0)
     distance_px = np.asarray(_lags(grid.nx)[defined] * grid.step_px, dtype=np.float64)
-    edge, gaussian, own, sill = _fit(np.nanmedian(values[:, defined], axis=0), distance_px, float(grid.step_px))
+    window_px, gaussian, own, sill = _fit(np.nanmedian(values[:, defined], axis=0), distance_px, float(grid.step_px))
     sigma = math.sqrt(sill) * np.median(sigmas, axis=0)
-    return NoiseCorrelation(edge, gaussian, own, (float(sigma[0]), float(sigma[1])), len(sigmas))
+    # With few lags within the window, its edge and the points' own noise compensate each other; the area of correlation is determined.
+    edge_px = math.sqrt(own * grid.step_px**2 + (1.0 - own) * window_px**2) if window_px else 0.0
+    return NoiseCorrelation(edge_px, gaussian, window_px, own, (float(sigma[0]), float(sigma[1])), len(sigmas))
 
 
 def _rough(field: Array, valid: NDArray[np.bool_]) -> Array | None:
@@ -160,5 +164,4 @@ def _fit(variogram: Array, distance_px: Array, step_px: float) -> tuple[float, f
     near = (1.0 - own) * float(window_correlation(np.array([step_px]), edge_px, gaussian)[0]) if edge_px else 0.0
     if misfit >= float(np.sum((level * weight - data) ** 2)) or near < MIN_CORRELATION:
         return 0.0, 0.0, 1.0, level
-    # With few lags within the window, its edge and the points' own noise compensate each other; the area of correlation is determined.
-    return math.sqrt(own * step_px**2 + (1.0 - own) * edge_px**2), gaussian, own, sill
+    return edge_px, gaussian, own, sill

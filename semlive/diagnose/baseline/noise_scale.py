@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, best_point, build_grid
 from semlive.diagnose.baseline.design_matrix import DesignMatrix, design
 from semlive.diagnose.baseline.observation import Observation
-from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window, rough_cholesky
+from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window, rough_cholesky, window_of_points
 from semlive.kernels.linear_algebra import forward_substitution
 from semlive.model.effects import RunGeometry
 
@@ -43,15 +43,18 @@ def noise_scaled_design(observation: Observation, whiten: Whitener | None = None
         observation: observation of a run.
         whiten: correlation of the noise, if it is not to be estimated; its size is.
     """
-    residual, rough = observation.residual_px(), rough_modes(observation)
-    sigma_px = float(residual.std()) or 1e-6
-    if whiten is None:
-        length_px, gaussian = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough)
-        whiten = make_whitener(observation.grid, observation.valid_blocks, length_px, sigma_px, gaussian)
-    columns = design(observation, whiten)
+    rough, columns = rough_modes(observation), design(observation, whiten or most_likely_whitener(observation))
     for _ in range(PASSES):
         columns = columns.rescaled(noise_scale(best_point(columns), rough).ratio)
     return columns
+
+
+def most_likely_whitener(observation: Observation) -> Whitener:
+    """Whitening with the most likely window of the noise, and with the size of the residual of the estimate."""
+    residual, maps = observation.residual_px(), [rows.dmap for rows in observation.state.rows if rows.within_pair]
+    centred, rough = residual - residual.mean(axis=0), rough_modes(observation)
+    window = most_likely_window(observation.grid, observation.valid_blocks, centred, rough, window_of_points(maps))
+    return make_whitener(observation.grid, observation.valid_blocks, window, float(residual.std()) or 1e-6)
 
 
 def rough_modes(observation: Observation) -> Array:

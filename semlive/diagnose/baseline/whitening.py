@@ -3,21 +3,40 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 from semlive.estimate.joint.observations.block_means import Blocks
 from semlive.kernels.linear_algebra import cholesky, forward_substitution
-from semlive.mechanics.correlation_length import window_correlation
+from semlive.mechanics.correlation_length import correlation_of, window_correlation
 
 OTHER_LENGTHS, OTHER_WINDOWS = 6, (0.0, 0.45, 1.0)  # lengths beyond the subset, and Gaussian shares of windows
 # Log odds of another window against a square one of at most the subset: independent points instead of a correlation of 0.4 between
 # neighbours lose 0.1 for each number; the small differences between windows of one area do not matter for a verdict.
 MIN_WINDOW_ODDS, MIN_WINDOW_ODDS_PER_NUMBER = 10.0, 0.01
 LENGTHS = 9  # number of candidate correlation lengths, from the distance of points to the subset size
+MAX_MAPS, MIN_POINT_ODDS = 8, 5.0  # maps in the window of the points, and log odds of this window
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Correlation of the noise over points.
+
+    Attributes:
+        length_px: correlation length: the subset edge for overlapping subsets, or the step for independent points, px.
+        gaussian: share of a Gaussian in the window of the subsets, 0 to 1; see `window_correlation`.
+        own: fraction of the variance that each point has for itself.
+    """
+
+    length_px: float
+    gaussian: float = 0.0
+    own: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,42 +112,50 @@ class Whitener:
         return np.asarray(free / np.linalg.norm(free))
 
 
-def make_whitener(grid: Grid, used: NDArray[np.int64], length_px: float, sigma_px: float, gaussian: float = 0.0) -> Whitener:
-    """Whitener for noise with an autocorrelation of a given length along x and y, triangular by default.
+def make_whitener(grid: Grid, used: NDArray[np.int64], window: Window, sigma_px: float) -> Whitener:
+    """Whitener for noise seen through a window.
 
     Args:
         grid: grid of the points.
         used: (b,) indices of the used blocks.
-        length_px: correlation length: the subset edge for overlapping subsets, or the step for independent points, px.
+        window: correlation of the noise over points.
         sigma_px: standard deviation of the block mean of one frame, px.
-        gaussian: share of a Gaussian in the window of the subsets, 0 to 1; see `window_correlation`.
     """
-    factor = _factor(grid, used, (length_px, gaussian))
+    factor = _factor(grid, used, window)
     return Whitener(factor, forward_substitution(factor, np.eye(len(factor))), sigma_px)
 
 
-def _factor(grid: Grid, used: NDArray[np.int64], window: tuple[float, float]) -> NDArray[np.float64]:
-    """(b, b) lower Cholesky factor of the correlation of block means for a window of given length and shape."""
-    correlation = block_correlation(grid, *window)[np.ix_(used, used)]
+def _factor(grid: Grid, used: NDArray[np.int64], window: Window) -> NDArray[np.float64]:
+    """(b, b) lower Cholesky factor of the correlation of block means."""
+    correlation = block_correlation(grid, window)[np.ix_(used, used)]
     root = np.sqrt(np.diag(correlation))
     return cholesky(correlation / np.outer(root, root))
 
 
-def block_correlation(grid: Grid, length_px: float, gaussian: float = 0.0) -> NDArray[np.float64]:
+def block_correlation(grid: Grid, window: Window) -> NDArray[np.float64]:
     """(blocks, blocks) covariance of the means of all blocks' points, in units of one point's variance."""
     blocks = Blocks.of(grid)
     rows, columns = blocks.layout
     block = blocks.block.reshape(grid.shape)
-    correlation = np.kron(
-        _along(grid.y_px, block[:, 0] // columns, rows, (length_px, gaussian)), _along(grid.x_px, block[0], columns, (length_px, gaussian))
-    )
+    along = _along(grid.y_px, block[:, 0] // columns, rows, window), _along(grid.x_px, block[0], columns, window)
+    correlation = (1.0 - window.own) * np.kron(*along)
+    correlation[np.diag_indices_from(correlation)] += window.own / np.bincount(blocks.block)
     return np.asarray(correlation, dtype=np.float64)
 
 
+def window_of_points(maps: Sequence[DisparityMap]) -> Window | None:
+    """Window that the variogram of some of the maps within pairs over neighbouring points gives; None for independent points.
+
+    Only the variogram determines what each point has for itself: a smooth effect adds nothing at the distance of neighbours.
+    """
+    found = correlation_of(maps[:: math.ceil(len(maps) / MAX_MAPS)]) if maps else None
+    return Window(found.window_px, found.gaussian, found.own_fraction) if found is not None and found.edge_px else None
+
+
 def most_likely_window(
-    grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Correlation length, px, and Gaussian share of the window that maximise the likelihood of the rough part of residuals (f, b, 2).
+    grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64], of_points: Window | None = None
+) -> Window:
+    """Window that maximises the likelihood of the rough part of residuals (f, b, 2).
 
     Lengths up to the subset edge with a square window come first. Other windows and greater lengths, as in maps that were smoothed or were
     imported without their subset, are taken only where the data are much more likely.
@@ -138,28 +165,29 @@ def most_likely_window(
         used: (b,) indices of the used blocks.
         residual: (f, b, 2) residuals, px.
         rough: (b, k) columns that span the rough part.
+        of_points: window from neighbouring points, if there is one.
     """
     longest = float(max(grid.subset_px, grid.step_px))
     flat = rough.T @ np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1)
 
-    def score(length_px: float, gaussian: float) -> float:
+    @cache
+    def score(window: Window) -> float:
         try:
-            factor = rough_cholesky(_factor(grid, used, (length_px, gaussian)), rough)
+            factor = rough_cholesky(_factor(grid, used, window), rough)
         except np.linalg.LinAlgError:  # a window much longer than the blocks: singular in double precision
             return -np.inf
         white = forward_substitution(factor, flat)
         volume = flat.shape[1] * float(np.sum(np.log(np.diag(factor))))
         return -0.5 * white.size * float(np.log(float(np.mean(white**2)) or 1e-300)) - volume
 
-    usual = [(float(length_px), 0.0) for length_px in np.unique(np.linspace(grid.step_px, longest, LENGTHS))]
-    scores = [score(*window) for window in usual]
+    usual = max((Window(float(length_px)) for length_px in np.unique(np.linspace(grid.step_px, longest, LENGTHS))), key=score)
     field_px = min(float(np.ptp(grid.x_px)), float(np.ptp(grid.y_px)))
-    beyond = np.geomspace(longest, max(field_px / 4.0, 1.1 * longest), OTHER_LENGTHS)
-    others = [(float(length_px), gaussian) for gaussian in OTHER_WINDOWS for length_px in (0.5 * longest, 0.75 * longest, *beyond)]
-    other_scores = [score(*window) for window in others]
-    best, other = int(np.argmax(scores)), int(np.argmax(other_scores))
+    beyond = np.geomspace(longest, max(field_px / 4.0, 1.1 * longest), OTHER_LENGTHS).tolist()
+    lengths_px = (0.5 * longest, 0.75 * longest, *beyond)
+    other = max((Window(length_px, gaussian) for gaussian in OTHER_WINDOWS for length_px in lengths_px), key=score)
     odds = MIN_WINDOW_ODDS + MIN_WINDOW_ODDS_PER_NUMBER * flat.size
-    return others[other] if other_scores[other] > scores[best] + odds else usual[best]
+    best = other if score(other) > score(usual) + odds else usual
+    return best if of_points is None or score(of_points) < score(best) + MIN_POINT_ODDS else of_points
 
 
 def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -168,11 +196,14 @@ def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> N
     return cholesky(half @ half.T)
 
 
-def _along(position: NDArray[np.float64], member: NDArray[np.int64], count: int, window: tuple[float, float]) -> NDArray[np.float64]:
-    """(count, count) mean correlation between the points of each two groups along one axis, for a window of given length and shape."""
-    length_px, gaussian = window
-    distance_px = np.abs(np.subtract.outer(position, position))
-    close = window_correlation(distance_px, length_px, gaussian) if gaussian else np.clip(1.0 - distance_px / length_px, 0.0, None)
+def _along(position: NDArray[np.float64], member: NDArray[np.int64], count: int, window: Window) -> NDArray[np.float64]:
+    """(count, count) mean correlation between the points of each two groups along one axis, without the points' own noise."""
+    distance_px, length_px = np.abs(np.subtract.outer(position, position)), window.length_px
+    close = (
+        window_correlation(distance_px, length_px, window.gaussian)
+        if window.gaussian
+        else np.clip(1.0 - distance_px / length_px, 0.0, None)
+    )
     share = (member[None, :] == np.arange(count)[:, None]).astype(np.float64)
     share /= share.sum(axis=1, keepdims=True)
     return np.asarray(share @ close @ share.T, dtype=np.float64)

@@ -28,10 +28,10 @@ from semlive.data.pair import PairDecision
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, with_free_distortion
 from semlive.diagnose.baseline.bayes_factor import project
 from semlive.diagnose.baseline.design_matrix import BaselineEffect, DesignMatrix, design
-from semlive.diagnose.baseline.noise_scale import noise_scale, rough_modes
+from semlive.diagnose.baseline.noise_scale import most_likely_whitener, noise_scale, rough_modes
 from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, evaluate_estimate
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
-from semlive.diagnose.baseline.whitening import Whitener, make_whitener, most_likely_window
+from semlive.diagnose.baseline.whitening import Whitener
 from semlive.diagnose.fit_tests.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts, fraction_waves
 from semlive.estimate.joint.observations.normal_equations import map_columns
 from semlive.estimate.joint.solution.posterior import Solution
@@ -136,7 +136,7 @@ def adequacy_of(observation: Observation, whiten: Whitener | None = None, effect
         whiten: correlation of the noise; None for the most likely one. Its size is estimated again.
         effects: fields (f, b, 2, q) of further effects, px, with the prior standard deviation of their amplitudes, px.
     """
-    return adequacy_of_design(design(observation, whiten or _most_likely_whitener(observation)), effects)
+    return adequacy_of_design(design(observation, whiten or most_likely_whitener(observation)), effects)
 
 
 def adequacy_of_design(columns: DesignMatrix, effects: Sequence[AllowedField] = ()) -> Adequacy:
@@ -150,12 +150,6 @@ def adequacy_of_design(columns: DesignMatrix, effects: Sequence[AllowedField] = 
     if noise is None:
         return result
     return replace(result, where=_domain_tests(*_noise_scaled(design(observation, noise.whiten), allowed)))
-
-
-def _most_likely_whitener(observation: Observation) -> Whitener:
-    residual = observation.residual_px()
-    window = most_likely_window(observation.grid, observation.valid_blocks, residual - residual.mean(axis=0), rough_modes(observation))
-    return make_whitener(observation.grid, observation.valid_blocks, window[0], float(residual.std()) or 1e-6, window[1])
 
 
 def _noise_scaled(columns: DesignMatrix, allowed: Sequence[AllowedField]) -> tuple[HyperparameterGrid, float]:

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import solve_triangular
 
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline.whitening import Whitener, make_whitener
+from semlive.diagnose.baseline.whitening import Whitener, Window, make_whitener
 from semlive.diagnose.maps.parameter_search import posterior_moments
 
 GRID, FRAMES, SIGMA_PX = Grid(0, 0, 20, 12, 9, 43), 8, 0.02
@@ -17,7 +17,7 @@ GRID, FRAMES, SIGMA_PX = Grid(0, 0, 20, 12, 9, 43), 8, 0.02
 
 @pytest.fixture(scope="module")
 def equal() -> Whitener:
-    return make_whitener(GRID, np.arange(12), 43.0, SIGMA_PX)
+    return make_whitener(GRID, np.arange(12), Window(43.0), SIGMA_PX)
 
 
 @pytest.fixture(scope="module")
