@@ -92,6 +92,7 @@ def verdict_of(shape: str, seed: int) -> Verdict:
             "cpu_s": time.process_time() - begin,
             "memory_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6,
             "largest": max(found.evidence, key=lambda item: item[1]),
+            "adequacy": None if found.adequacy is None else (found.adequacy.domain, found.adequacy.p_value),
         }
 
 
