@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import resource
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -48,14 +47,18 @@ def main() -> None:
     parser.add_argument("--varied", action="store_true", help="another texture and noise in each case")
     parser.add_argument("--shard", default="1/1", help="k/n: every n-th case from the k-th on")
     parser.add_argument("--folder", type=Path, default=Path("rendered"))
+    parser.add_argument("--logs", type=Path, help="keep the logs (57 MB each), and use those that are there")
+    parser.add_argument("--render", action="store_true", help="make the logs only")
     parser.add_argument("--score", action="store_true", help="run nothing")
     parser.add_argument("--write", action="store_true", help="put the table into docs/validation/diagnosis.md")
     requests = parser.parse_args()
     chosen = list(cases(requests.set, Counts(requests.seeds, requests.nulls, requests.doubles), requests.sizes, requests.effects))
-    requests.folder.mkdir(parents=True, exist_ok=True)
+    for folder in (requests.folder, requests.logs):
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
     if not requests.score:
         own, shards = (int(entry) for entry in requests.shard.split("/"))
-        _run(chosen[own - 1 :: shards], requests.folder / f"verdicts-{own}-of-{shards}.jsonl", varied=requests.varied)
+        _run(chosen[own - 1 :: shards], requests.folder / f"verdicts-{own}-of-{shards}.jsonl", requests)
     stored = verdicts(requests.folder)
     scored = [(case, _without_its_own(stored[case.key])) for case in chosen if case.key in stored]
     lines = [entry for entry in table(scored).splitlines() if "| 0 of 0 |" not in entry]
@@ -68,19 +71,27 @@ def main() -> None:
         PAGE.write_text(f"{before}{BEGIN}\n{about}\n\n{found}\n{END}{rest.split(END)[1]}", encoding="utf-8")
 
 
-def _run(chosen: list[Case], folder: Path, *, varied: bool) -> None:
+def _run(chosen: list[Case], folder: Path, requests: argparse.Namespace) -> None:
     done = verdicts(folder.parent)
     for case in chosen:
         if case.key in done:
             continue
-        images = varied_images(case.seed) if varied else paper_images(case.seed)
-        sized = replace(case, size=case.size * noise_px(images) / PAPER_NOISE_PX) if varied else case
-        with tempfile.TemporaryDirectory() as name:
-            log = rendered_log(Path(name) / "run", images, replace(case.conditions(), noise_px=0.0), sized.effects())
-            verdict = judge(log)
-            shutil.rmtree(log)
-        with folder.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps({"key": case.key, **verdict}) + "\n")
+        with tempfile.TemporaryDirectory(dir=requests.logs) as name:
+            log = _log_of(case, Path(name), requests)
+            if not requests.render:
+                with folder.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps({"key": case.key, **judge(log)}) + "\n")
+
+
+def _log_of(case: Case, work: Path, requests: argparse.Namespace) -> Path:
+    """The log of a case: rendered, or the one that was kept."""
+    kept = None if requests.logs is None else requests.logs / f"{'varied-' if requests.varied else ''}{case.key}"
+    if kept is not None and kept.exists():
+        return kept
+    images = varied_images(case.seed) if requests.varied else paper_images(case.seed)
+    sized = replace(case, size=case.size * noise_px(images) / PAPER_NOISE_PX) if requests.varied else case
+    log = rendered_log(work / "run", images, replace(case.conditions(), noise_px=0.0), sized.effects())
+    return log if kept is None else log.rename(kept)
 
 
 def judge(log: Path) -> Verdict:
