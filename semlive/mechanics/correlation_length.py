@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from semlive.data.disparity import DisparityMap
+from semlive.data.grid import Grid
 
 Array = NDArray[np.float64]
 ORDER = 4  # total order of the polynomial that drift within a pair follows
@@ -26,6 +27,8 @@ CLIP = 6.0  # robust standard deviations; points beyond are outliers
 SHAPES = (0.0, 0.2, 0.45, 1.0)  # Gaussian share of the window: standard deviation relative to edge + standard deviation
 LENGTHS = 72
 MIN_SIGMA_PX = 5e-4  # a tenth of the noise of the best maps; below it the residual is not noise
+COARSE = 41  # places per axis of the field for the expected effect of the removed polynomial
+_SEPARATION = np.abs(np.subtract.outer(np.arange(COARSE), np.arange(COARSE)))
 MIN_CORRELATION = 0.1  # between neighbouring points: below it they are independent
 
 
@@ -100,8 +103,7 @@ def correlation_of(maps: Sequence[DisparityMap]) -> NoiseCorrelation | None:
         return None
     grid, values = maps[0].grid, np.array(variograms)
     defined = np.isfinite(values).any(axis=0)
-    distance_px = np.asarray(_lags(grid.nx)[defined] * grid.step_px, dtype=np.float64)
-    window_px, gaussian, own, sill = _fit(np.nanmedian(values[:, defined], axis=0), distance_px, float(grid.step_px))
+    window_px, gaussian, own, sill = _fit(np.nanmedian(values[:, defined], axis=0), grid, _lags(grid.nx)[defined])
     sigma = math.sqrt(sill) * np.median(sigmas, axis=0)
     # With few lags within the window, its edge and the points' own noise compensate each other; the area of correlation is determined.
     edge_px = math.sqrt(own * grid.step_px**2 + (1.0 - own) * window_px**2) if window_px else 0.0
@@ -142,26 +144,59 @@ def _variogram(rough: Array) -> Array:
     return np.array(values)
 
 
-def _fit(variogram: Array, distance_px: Array, step_px: float) -> tuple[float, float, float, float]:
-    """Edge in px, Gaussian share, fraction of the variance without correlation, and sill that fit a variogram best."""
+def _fit(variogram: Array, grid: Grid, lags: NDArray[np.int64]) -> tuple[float, float, float, float]:
+    """Length in px and Gaussian share of the window, fraction of the variance without correlation, and sill that fit a variogram best."""
+    distance_px, step_px = np.asarray(lags * grid.step_px, dtype=np.float64), float(grid.step_px)
     if len(variogram) < MIN_LAGS:
         return 0.0, 0.0, 1.0, 1.0
     weight, best = 1.0 / np.sqrt(distance_px), (np.inf, 0.0, 0.0, 1.0, 1.0)
-    data = variogram * weight
+    data, removed = variogram * weight, _RemovedPolynomial(grid)
     level = float(np.sum(data * weight) / np.sum(weight**2))
     longest = max(float(distance_px.max()), 2.0 * step_px)
     for gaussian in SHAPES:
-        for edge_px in np.geomspace(step_px, longest, LENGTHS).tolist():
-            shared = 1.0 - window_correlation(distance_px, edge_px, gaussian)
+        for length_px in np.geomspace(step_px, longest, LENGTHS).tolist():
+            shared = removed.variogram(distance_px, length_px, gaussian)
             columns = np.stack((weight, shared * weight), axis=1)
             own, common = np.linalg.lstsq(columns, data, rcond=None)[0].tolist()
             if own < 0.0:
                 own, common = 0.0, float(columns[:, 1] @ data / (columns[:, 1] @ columns[:, 1]))
             misfit = float(np.sum((columns @ (own, common) - data) ** 2))
             if common > 0.0 and misfit < best[0]:
-                best = (misfit, edge_px, gaussian, own / (own + common), own + common)
-    misfit, edge_px, gaussian, own, sill = best
-    near = (1.0 - own) * float(window_correlation(np.array([step_px]), edge_px, gaussian)[0]) if edge_px else 0.0
+                best = (misfit, length_px, gaussian, own / (own + common), own + common)
+    misfit, length_px, gaussian, own, sill = best
+    near = (1.0 - own) * float(window_correlation(np.array([step_px]), length_px, gaussian)[0]) if length_px else 0.0
     if misfit >= float(np.sum((level * weight - data) ** 2)) or near < MIN_CORRELATION:
         return 0.0, 0.0, 1.0, level
-    return edge_px, gaussian, own, sill
+    return length_px, gaussian, own, sill
+
+
+class _RemovedPolynomial:
+    """Expected variogram along rows of noise from which `_rough` removed a polynomial.
+
+    The polynomial follows the noise of few windows in a field. Without this, a window of 99 px in a field of 500 px is estimated as 78 px.
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        place, order = np.linspace(-1.0, 1.0, COARSE), np.arange(ORDER + 1)
+        columns = np.polynomial.legendre.legvander2d(*np.meshgrid(place, place), (ORDER, ORDER))[
+            ..., np.add.outer(order, order).ravel() <= ORDER
+        ]
+        self._shapes = np.linalg.qr(columns.reshape(COARSE**2, -1))[0].reshape(COARSE, COARSE, -1)
+        self._lags = np.arange(1, round(FIELD_FRACTION * COARSE) + 1)
+        self._x_px, self._y_px = (np.linspace(0.0, (count - 1.0) * grid.step_px, COARSE) for count in (grid.nx, grid.ny))
+
+    def variogram(self, distance_px: Array, length_px: float, gaussian: float) -> Array:
+        """(lags,) half the expected square difference, relative to the variance of the noise, at distances along rows."""
+        along_x, along_y = (window_correlation(position_px, length_px, gaussian)[_SEPARATION] for position_px in (self._x_px, self._y_px))
+        shapes = self._shapes
+        shared = np.tensordot(along_y, np.tensordot(along_x, shapes, (1, 1)), (1, 1))
+        amplitudes = np.tensordot(shapes, shared, ((0, 1), (0, 1)))
+        half = shared - 0.5 * shapes @ amplitudes
+        removed = [np.einsum("yxk,yxk", _step(shapes, lag), _step(half, lag)) / (COARSE * (COARSE - lag)) for lag in self._lags.tolist()]
+        at_px = self._x_px[np.append(0, self._lags)]
+        return 1.0 - window_correlation(distance_px, length_px, gaussian) - np.interp(distance_px, at_px, np.append(0.0, removed))
+
+
+def _step(values: Array, lag: int) -> Array:
+    """Differences over a lag along rows."""
+    return np.asarray(values[:, lag:] - values[:, :-lag])

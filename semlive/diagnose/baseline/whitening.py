@@ -21,7 +21,7 @@ OTHER_LENGTHS, OTHER_WINDOWS = 6, (0.0, 0.45, 1.0)  # lengths beyond the subset,
 # neighbours lose 0.1 for each number; the small differences between windows of one area do not matter for a verdict.
 MIN_WINDOW_ODDS, MIN_WINDOW_ODDS_PER_NUMBER = 10.0, 0.01
 LENGTHS = 9  # number of candidate correlation lengths, from the distance of points to the subset size
-MAX_MAPS, MIN_POINT_ODDS = 8, 5.0  # maps in the window of the points, and log odds of this window
+MAX_MAPS = 8  # in the estimate of the window from points
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,8 +157,9 @@ def most_likely_window(
 ) -> Window:
     """Window that maximises the likelihood of the rough part of residuals (f, b, 2).
 
-    Lengths up to the subset edge with a square window come first. Other windows and greater lengths, as in maps that were smoothed or were
-    imported without their subset, are taken only where the data are much more likely.
+    The window of the points comes first: there are many more of them than blocks. Where the blocks contradict it, lengths up to the subset
+    edge with a square window are next. Other windows and greater lengths, as in maps that were smoothed or were imported without their
+    subset, are taken only where the data are much more likely.
 
     Args:
         grid: grid of the points.
@@ -187,7 +188,7 @@ def most_likely_window(
     other = max((Window(length_px, gaussian) for gaussian in OTHER_WINDOWS for length_px in lengths_px), key=score)
     odds = MIN_WINDOW_ODDS + MIN_WINDOW_ODDS_PER_NUMBER * flat.size
     best = other if score(other) > score(usual) + odds else usual
-    return best if of_points is None or score(of_points) < score(best) + MIN_POINT_ODDS else of_points
+    return best if of_points is None or score(of_points) < score(best) - MIN_WINDOW_ODDS else of_points
 
 
 def rough_cholesky(factor: NDArray[np.float64], rough: NDArray[np.float64]) -> NDArray[np.float64]:
