@@ -173,7 +173,7 @@ def _fit(variogram: Array, grid: Grid, lags: NDArray[np.int64]) -> tuple[float, 
 class _RemovedPolynomial:
     """Expected variogram along rows of noise from which `_rough` removed a polynomial.
 
-    The polynomial follows the noise of few windows in a field. Without this, a window of 99 px in a field of 500 px is estimated as 78 px.
+    The polynomial follows the noise of few windows in a field. Without this, a window of 99 px in a field of 560 px is estimated as 86 px.
     """
 
     def __init__(self, grid: Grid) -> None:

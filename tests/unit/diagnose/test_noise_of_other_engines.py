@@ -30,6 +30,7 @@ def imported(shape: str, seed: int, folder: Path) -> OpenedLog:
         pytest.param("square", 700_017, id="drift with a fast relaxation"),
         pytest.param("smoothed", 700_029, id="few independent points"),
         pytest.param("composed, own", 700_064, id="interpolated noise of composed maps"),
+        pytest.param("composed, own", 700_059, id="noise of composed maps independent of the fraction of the grid distance"),
         pytest.param("heavy tails, rounded", 700_014, id="noise of each point"),
         pytest.param("smoothed", 700_035, id="window longer than the estimated subset"),
     ],
