@@ -84,14 +84,14 @@ def _run(chosen: list[Case], folder: Path, requests: argparse.Namespace) -> None
 
 
 def _log_of(case: Case, work: Path, requests: argparse.Namespace) -> Path:
-    """The log of a case: rendered, or the one that was kept."""
-    kept = None if requests.logs is None else requests.logs / f"{'varied-' if requests.varied else ''}{case.key}"
-    if kept is not None and kept.exists():
-        return kept
+    """The log of a case: rendered, or the stored one."""
+    stored = None if requests.logs is None else requests.logs / f"{'varied-' if requests.varied else ''}{case.key}"
+    if stored is not None and stored.exists():
+        return stored
     images = varied_images(case.seed) if requests.varied else paper_images(case.seed)
     sized = replace(case, size=case.size * noise_px(images) / PAPER_NOISE_PX) if requests.varied else case
     log = rendered_log(work / "run", images, replace(case.conditions(), noise_px=0.0), sized.effects())
-    return log if kept is None else log.rename(kept)
+    return log if stored is None else log.rename(stored)
 
 
 def judge(log: Path) -> Verdict:
