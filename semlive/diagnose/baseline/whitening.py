@@ -21,7 +21,7 @@ OTHER_LENGTHS, OTHER_WINDOWS = 6, (0.0, 0.45, 1.0)  # lengths beyond the subset,
 # neighbours lose 0.1 for each number; the small differences between windows of one area do not matter for a verdict.
 MIN_WINDOW_ODDS, MIN_WINDOW_ODDS_PER_NUMBER = 10.0, 0.01
 LENGTHS = 9  # number of candidate correlation lengths, from the distance of points to the subset size
-MAX_MAPS = 8  # in the estimate of the window from points
+MAX_MAPS, MAX_POINTS = 8, 100_000  # in the estimate of the window from points: one second of processor time
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +148,10 @@ def window_of_points(maps: Sequence[DisparityMap]) -> Window | None:
 
     Only the variogram determines what each point has for itself: a smooth effect adds nothing at the distance of neighbours.
     """
-    found = correlation_of(maps[:: math.ceil(len(maps) / MAX_MAPS)]) if maps else None
+    if not maps:
+        return None
+    most = min(max(MAX_POINTS // maps[0].status.size, 2), MAX_MAPS)
+    found = correlation_of(maps[:: math.ceil(len(maps) / most)])
     return Window(found.window_px, found.gaussian, found.own_fraction) if found is not None and found.edge_px else None
 
 
