@@ -117,10 +117,7 @@ def _rough(field: Array, valid: NDArray[np.bool_]) -> Array | None:
     good = valid & np.isfinite(field)
     if good.sum() < MIN_POINTS:
         return None
-    y, x = (np.linspace(-1.0, 1.0, count) for count in field.shape)
-    order = np.arange(ORDER + 1)
-    columns = np.polynomial.legendre.legvander2d(*np.meshgrid(x, y), (ORDER, ORDER))[..., np.add.outer(order, order).ravel() <= ORDER]
-    residual = field
+    columns, residual = _polynomials(field.shape), field
     for _ in range(2):
         residual = field - columns @ np.linalg.lstsq(columns[good], field[good], rcond=None)[0]
         spread = 1.4826 * float(np.median(np.abs(residual[good])))
@@ -128,6 +125,13 @@ def _rough(field: Array, valid: NDArray[np.bool_]) -> Array | None:
         if good.sum() < MIN_POINTS:
             return None
     return np.where(good, residual, np.nan)
+
+
+def _polynomials(shape: tuple[int, ...]) -> Array:
+    """(rows, columns, k) products of Legendre polynomials of total order up to `ORDER` over a field of points."""
+    y, x = (np.linspace(-1.0, 1.0, count) for count in shape)
+    order, products = np.arange(ORDER + 1), np.polynomial.legendre.legvander2d(*np.meshgrid(x, y), (ORDER, ORDER))
+    return np.asarray(products[..., np.add.outer(order, order).ravel() <= ORDER], dtype=np.float64)
 
 
 def _lags(count: int) -> NDArray[np.int64]:
@@ -177,11 +181,8 @@ class _RemovedPolynomial:
     """
 
     def __init__(self, grid: Grid) -> None:
-        place, order = np.linspace(-1.0, 1.0, COARSE), np.arange(ORDER + 1)
-        columns = np.polynomial.legendre.legvander2d(*np.meshgrid(place, place), (ORDER, ORDER))[
-            ..., np.add.outer(order, order).ravel() <= ORDER
-        ]
-        self._shapes = np.linalg.qr(columns.reshape(COARSE**2, -1))[0].reshape(COARSE, COARSE, -1)
+        shapes = _polynomials((COARSE, COARSE))
+        self._shapes = np.linalg.qr(shapes.reshape(COARSE**2, -1))[0].reshape(shapes.shape)
         self._lags = np.arange(1, round(FIELD_FRACTION * COARSE) + 1)
         self._x_px, self._y_px = (np.linspace(0.0, (count - 1.0) * grid.step_px, COARSE) for count in (grid.nx, grid.ny))
 
