@@ -66,7 +66,7 @@ def diagnose(
     )
     if result.needs_second_pass:
         result = _second_pass(result, families, model_effects, (draws, seed))
-    if result.effects or result.residual_significant:
+    if result.effects or result.residual_significant or result.search.underresolved_splines:
         result = _with_unequal_noise(result, families, model_effects, (draws, seed))
     result = _without_negligible(result, model_effects)
     baseline, baseline_with_effects, effects = result.search.baseline, result.baseline_with_effects, result.effects

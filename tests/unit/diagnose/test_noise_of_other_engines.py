@@ -40,6 +40,12 @@ def test_noise_is_no_effect(shape: str, seed: int, tmp_path: Path) -> None:
     assert (found.outcome, found.effects) == (Outcome.NONE, ())
 
 
+def test_noise_shared_by_the_frames_of_a_pair_is_no_fine_distortion(tmp_path: Path) -> None:
+    """Runs of composed maps with another distribution of the noise were searched again only if they had an effect or were UNKNOWN."""
+    found, _ = diagnose_log(imported("composed, own", 700_001, tmp_path))
+    assert (found.outcome, found.coarse) == (Outcome.NONE, ())
+
+
 def test_a_drift_that_relaxes_from_the_start_is_more_likely_than_a_uniformly_curved_one(tmp_path: Path) -> None:
     """Decays within 130 to 600 s, knots 30 s apart: no curvature of one size describes them."""
     _, observation = diagnose_log(imported("square", 700_017, tmp_path))
