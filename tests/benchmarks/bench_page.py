@@ -47,6 +47,7 @@ from semlive.service.runtime.clock import SystemClock
 
 STATES = ("ramping", "settling", "holding", "imaging", "step_done")
 TICK_S = 0.05
+CONNECTED_S = 30.0  # in which every viewer has its first message
 LONGEST = """() => new Promise((done) => {
     let last = performance.now(), worst = 0, left = 60;
     const next = (now) => {
@@ -203,7 +204,9 @@ def many(address: str, count: int) -> None:
     looking = [Viewer(address) for _ in range(count)]
     for viewer in looking:
         threading.Thread(target=viewer.look, daemon=True).start()
-    time.sleep(2.0)
+    deadline_s = time.monotonic() + CONNECTED_S
+    while not all(viewer.received for viewer in looking) and time.monotonic() < deadline_s:
+        time.sleep(TICK_S)
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     before = sum(viewer.received for viewer in looking)

@@ -16,7 +16,7 @@ BENCH = Path(__file__).parents[1] / "benchmarks" / "bench_page.py"
 
 @pytest.mark.usefixtures("chromium_peer")
 def test_every_event_arrives_and_memory_of_a_compressed_week_is_constant() -> None:
-    briefly = ["--paints", "1", "--events", "10", "--viewers", "3", "--seconds", "1", "--readings", "2000"]
+    briefly = ["--paints", "1", "--events", "10", "--viewers", "3", "--seconds", "4", "--readings", "2000"]
     reported = subprocess.run([sys.executable, str(BENCH), *briefly], capture_output=True, text=True, timeout=RUN_END_S, check=True).stdout
     observed = re.search(r"log to page: (\d+) of 10 events", reported)
     # Lines that come faster than a busy computer draws are drawn together.
