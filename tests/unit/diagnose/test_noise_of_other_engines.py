@@ -31,7 +31,7 @@ def imported(shape: str, seed: int, folder: Path) -> OpenedLog:
         pytest.param("smoothed", 700_029, id="few independent points"),
         pytest.param("composed, own", 700_064, id="interpolated noise of composed maps"),
         pytest.param("composed, own", 700_059, id="noise of composed maps independent of the fraction of the grid distance"),
-        pytest.param("heavy tails, rounded", 700_014, id="noise of each point"),
+        pytest.param("heavy tails, rounded", 700_015, id="a fifth of the variance at each point"),
         pytest.param("smoothed", 700_035, id="window longer than the estimated subset"),
     ],
 )
