@@ -3,39 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
-from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis, ExperimentProposal, RunExtent
+from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal, RunExtent
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
-from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws, overlap
+from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, overlap
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
-from semlive.diagnose.baseline.unequal_noise import unequal_noise
-from semlive.diagnose.fit_tests.adequacy import adequacy_of_design, negligible_px
 from semlive.diagnose.fit_tests.cross_validation import held_out_misfit
-from semlive.diagnose.fit_tests.domain_tests import run_domain_tests
 from semlive.diagnose.fit_tests.outside_catalogue import outside_test
-from semlive.diagnose.maps.effect_selection import MIN_LOG_ODDS, SIGNIFICANT_LOG_FACTOR, SelectedEffect
+from semlive.diagnose.maps.effect_selection import SIGNIFICANT_LOG_FACTOR, SelectedEffect
 from semlive.diagnose.maps.figure_data import figure_data
-from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_jointly
-from semlive.diagnose.maps.relinearise import CouplingChoice, choose_coupling, relinearise_with_effects
-from semlive.diagnose.maps.screening import Screening
-from semlive.diagnose.maps.search import ALL_UNNAMED_CLASSES, Search, is_full, search
-from semlive.diagnose.maps.time_course_test import alternative_time_course_odds
-from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
-from semlive.errors import IllPosed
+from semlive.diagnose.maps.refinement import RefinedEffect, refined
+from semlive.diagnose.maps.repeated_search import SearchResult, repeated_search, residual_adequacy
+from semlive.diagnose.maps.search import ALL_UNNAMED_CLASSES
 from semlive.model.effects import EFFECT_CLASSES, EffectClass
-from semlive.model.effects.maps.image_field import DISTORTION_SCALE_DRIFT
 
 Array = NDArray[np.float64]
 DRAWS = 299
 # Smallest explained fraction; see `_useful`.
 MIN_EXPLAINED_FRACTION = 0.5
-MIN_COURSE_CHANGE = 0.1  # of the noise of a block
 MAX_CLOSEST = 3  # single effects that are compared with the gap of an UNKNOWN
 
 
@@ -61,22 +52,13 @@ def diagnose(
     """
     in_model = [item.name for item in model_effects]
     families = [family for family in dictionary if in_model.count(family.name) < family.max_count]
-    result = SearchResult.run(
-        choose_coupling(observation, (*families, *UNNAMED_CLASSES), model_effects), families, model_effects, (draws, seed)
-    )
-    if result.needs_second_pass:
-        result = _second_pass(result, families, model_effects, (draws, seed))
-    if result.effects or result.residual_significant:
-        result = _with_unequal_noise(result, families, model_effects, (draws, seed))
-    elif result.search.underresolved_splines and observation.geometry.composed.any():
-        result = _with_shared_noise(result, families, model_effects, (draws, seed))
-    result = _without_negligible(result, model_effects)
+    result = repeated_search(observation, families, model_effects, (draws, seed))
     baseline, baseline_with_effects, effects = result.search.baseline, result.baseline_with_effects, result.effects
     gap = held_out_misfit(baseline, baseline_with_effects, seed) if effects else None
     shares = strain_attenuation(baseline_with_effects, result.fields, len(model_effects))[len(model_effects) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
     verdict = _verdict(effects, result.residual_significant, gap, result.domain_tests, baseline, shares)
-    adequacy = _adequacy(result, model_effects)
+    adequacy = residual_adequacy(result, model_effects)
     if verdict.outcome is Outcome.NONE and adequacy is not None and not adequacy.passed:
         verdict = replace(verdict, outcome=Outcome.UNKNOWN)
     names, fields = [effect.names[0] for effect in effects], [effect.refined.field_px for effect in effects]
@@ -96,132 +78,6 @@ def diagnose(
     return replace(verdict, model_effects=tuple(model_effects), run=RunExtent(observation.geometry.end_s, (width, height)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchResult:
-    """Result of a search at one linearisation point.
-
-    Attributes:
-        domain_tests: tests of the model in each domain, before any effect was added.
-        search: the final state of the search.
-        baseline_with_effects: the baseline with all effects.
-        effects: the identified effects, fitted jointly.
-        fields: for each effect, given ones first, (f, b, 2, q) displacement of unit amplitudes, px.
-        residual_significant: whether a significant residual remains, or an effect has another time course than its basis field.
-    """
-
-    domain_tests: tuple[DomainTest, ...]
-    search: Search
-    baseline_with_effects: HyperparameterGrid
-    effects: tuple[SelectedEffect, ...]
-    fields: tuple[Array, ...]
-    residual_significant: bool
-
-    @classmethod
-    def run(
-        cls, run: CouplingChoice, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
-    ) -> SearchResult:
-        """Search for effects with the given number and seed of null draws."""
-        screening = run.screening or Screening.run(run.observation, (*families, *UNNAMED_CLASSES), model_effects)
-        null = NullDraws.of(screening.baseline, *draws)
-        tests, final = run_domain_tests(screening.baseline, null), search(screening, families, null, draws[1])
-        effects = _refit_jointly(final.baseline_with_effects, final.effects)
-        significant = final.residual_significant or _alternative_more_likely(final.baseline, final.baseline_with_effects, effects)
-        return cls(
-            tests,
-            final,
-            final.baseline_with_effects,
-            effects,
-            (*screening.model_fields, *(effect.refined.field_px for effect in effects)),
-            significant,
-        )
-
-    @property
-    def best_log_evidence(self) -> float:
-        """Log likelihood of the data with the effects, or with the most likely class of the first screening, unnamed ones included."""
-        first = max((candidate.log_factor for candidate in self.search.initial_screening), default=0.0)
-        return max(self.baseline_with_effects.log_evidence, self.search.baseline.log_evidence + first)
-
-    @property
-    def needs_second_pass(self) -> bool:
-        """Whether the effects may have biased the earlier selections, so that further effects compensate the error.
-
-        A distortion that scales biases the estimated distortion, which is its own basis field: with an affine part of 6 px only a third to
-        three quarters of the estimate was distortion.
-        """
-        scales = any(effect.refined.family is DISTORTION_SCALE_DRIFT for effect in self.effects)
-        return bool(self.effects) and not self.search.truncated and (self.residual_significant or is_full(self.effects) or scales)
-
-
-def _second_pass(
-    result: SearchResult, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
-) -> SearchResult:
-    """Search at the linearisation point selected without the effects, if it differs and the data are more likely there."""
-    try:
-        repeated = relinearise_with_effects(result.baseline_with_effects, result.fields, (*families, *UNNAMED_CLASSES), model_effects)
-    except IllPosed:
-        return result
-    before, observed = result.baseline_with_effects.design.observation, repeated.observation
-    if not np.array_equal(observed.valid_blocks, before.valid_blocks):
-        return result
-    same_advection = observed.state.distortion.carried == before.state.distortion.carried
-    if same_advection and not any(_prediction_changes(effect.refined, observed, result.baseline_with_effects) for effect in result.effects):
-        return result
-    return max(
-        (result, SearchResult.run(repeated, families, model_effects, draws)),
-        key=lambda candidate: candidate.baseline_with_effects.log_evidence,
-    )
-
-
-def _with_unequal_noise(
-    result: SearchResult, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
-) -> SearchResult:
-    """Search with noise that differs between frames and places, if the data are more likely so than with effects and equal noise."""
-    noise = unequal_noise(result.search.baseline)
-    if noise is None:
-        return result
-    observation = result.search.baseline.design.observation
-    screening = Screening.run(observation, (*families, *UNNAMED_CLASSES), model_effects, noise.whiten)
-    other = SearchResult.run(CouplingChoice(observation, screening), families, model_effects, draws)
-    return other if other.best_log_evidence - noise.parameter_penalty > result.best_log_evidence else result
-
-
-def _with_shared_noise(
-    result: SearchResult, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
-) -> SearchResult:
-    """The search with the noise that composed maps share with their first frames, if nothing is beyond it; else the given result.
-
-    In 68 of 100 runs of composed maps without an effect, the spline of the distortion was too coarse for such noise.
-    """
-    other = _with_unequal_noise(result, families, model_effects, draws)
-    test = None if other.effects or other.residual_significant else _adequacy(other, model_effects)
-    return other if test is not None and test.passed else result
-
-
-def _without_negligible(result: SearchResult, model_effects: Sequence[ModelEffect]) -> SearchResult:
-    """The result without effects if all of them are negligible, and the residual without them passes the test of adequacy."""
-    scene = result.search.baseline.design.observation.geometry
-    if not result.effects or any(effect.refined.peak_px > negligible_px(effect.refined.family.name, scene) for effect in result.effects):
-        return result
-    baseline = result.search.baseline
-    plain = replace(
-        result, baseline_with_effects=baseline, effects=(), fields=result.fields[: len(model_effects)], residual_significant=False
-    )
-    test = _adequacy(plain, model_effects)
-    return plain if test is not None and test.passed else result
-
-
-def _adequacy(result: SearchResult, model_effects: Sequence[ModelEffect]) -> AdequacyTest | None:
-    """Test of the residual with all effects; None where a spline is too coarse, which the verdict states, or without a factor."""
-    if result.search.underresolved_splines:
-        return None
-    columns = result.search.baseline.design
-    sizes_px = [*(effect.size_px for effect in model_effects), *(effect.refined.baseline_effect.size_px for effect in result.effects)]
-    try:
-        return adequacy_of_design(columns.without_effects(), tuple(zip(result.fields, sizes_px, strict=True))).test
-    except np.linalg.LinAlgError:
-        return None
-
-
 def _closest(result: SearchResult, seed: int) -> tuple[tuple[str, float], ...]:
     """The most likely named effects, each alone, with the share of the gap on held-out pairs that it closes."""
     baseline = result.search.baseline
@@ -235,37 +91,6 @@ def _closest(result: SearchResult, seed: int) -> tuple[tuple[str, float], ...]:
         baseline_with_effect = build_grid(baseline.design.with_effects(refined(baseline, candidate).baseline_effect))
         shares.append((candidate.family.name, held_out_misfit(baseline, baseline_with_effect, seed).closure))
     return tuple(sorted(shares, key=lambda item: -item[1]))
-
-
-def _prediction_changes(effect: RefinedEffect, observation: Observation, baseline_with_effects: HyperparameterGrid) -> bool:
-    """Whether the prediction of an effect differs at another linearisation point by more than a fraction of the noise."""
-    basis_field = effect.family.basis_field(observation.geometry, dict(effect.values))
-    if basis_field is None:
-        return True
-    change = (basis_field.field_px - effect.field_px) @ effect.amplitudes
-    return float(np.sqrt(np.mean((change - change[0]) ** 2))) > MIN_COURSE_CHANGE * baseline_with_effects.design.whiten.sigma_px
-
-
-def _refit_jointly(baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]) -> tuple[SelectedEffect, ...]:
-    """Effects with jointly refitted amplitudes; selected effects are removed from the lists of rivals."""
-    families = {effect.refined.family for effect in effects}
-    refitted = zip(effects, refit_jointly(baseline_with_effects, [effect.refined for effect in effects]), strict=True)
-    return tuple(
-        replace(value, refined=refit, rivals=tuple(o for o in value.rivals if o.family not in families)) for value, refit in refitted
-    )
-
-
-def _alternative_more_likely(
-    baseline: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]
-) -> bool:
-    """Whether an unnamed field or another time course is more likely than the named effects in any round."""
-    remaining_factors = np.cumsum([effect.log_bayes_factor for effect in reversed(effects)])[::-1]
-    if any(effect.unnamed_log_factor > total + MIN_LOG_ODDS for effect, total in zip(effects, remaining_factors, strict=True)):
-        return True
-    return (
-        alternative_time_course_odds(baseline_with_effects, baseline.design, [effect.refined for effect in effects])
-        > SIGNIFICANT_LOG_FACTOR
-    )
 
 
 def _log_factors(candidates: Sequence[CandidateEvidence]) -> tuple[tuple[str, float], ...]:
