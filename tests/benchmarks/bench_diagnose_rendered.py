@@ -31,6 +31,8 @@ from blind.hiding import DETECTABLE_PX
 from blind.rendering import PAPER_NOISE_PX, noise_px, paper_images, rendered_log, varied_images
 from blind.scoring import Verdict, table
 
+from semlive_simulators.scenario import Scenario
+
 BEGIN, END = "<!-- rendered: begin -->\n", "<!-- rendered: end -->\n"
 OWN = "dic_subpixel_bias"
 
@@ -60,7 +62,7 @@ def main() -> None:
         own, shards = (int(entry) for entry in requests.shard.split("/"))
         _run(chosen[own - 1 :: shards], requests.folder / f"verdicts-{own}-of-{shards}.jsonl", requests)
     stored = verdicts(requests.folder)
-    scored = [(case, _without_its_own(stored[case.key])) for case in chosen if case.key in stored]
+    scored = [(_at_noise_of(case, stored[case.key]), _without_its_own(stored[case.key])) for case in chosen if case.key in stored]
     lines = [entry for entry in table(scored).splitlines() if "| 0 of 0 |" not in entry]
     found = "\n".join([*lines, *_costs([entry for _, entry in scored])]) + "\n"
     sys.stdout.write(found)
@@ -73,24 +75,27 @@ def main() -> None:
 
 def _run(chosen: list[Case], folder: Path, requests: argparse.Namespace) -> None:
     done = verdicts(folder.parent)
-    for case in chosen:
-        if case.key in done:
-            continue
+    for case in (case for case in chosen if case.key not in done):
+        images = varied_images(case.seed) if requests.varied else paper_images(case.seed)
+        ratio = noise_px(images) / PAPER_NOISE_PX if requests.varied else 1.0
         with tempfile.TemporaryDirectory(dir=requests.logs) as name:
-            log = _log_of(case, Path(name), requests)
+            log = _log_of(replace(case, noise_ratio=ratio), images, Path(name), requests)
             if not requests.render:
                 with folder.open("a", encoding="utf-8") as stream:
-                    stream.write(json.dumps({"key": case.key, **judge(log)}) + "\n")
+                    stream.write(json.dumps({"key": case.key, "noise_ratio": ratio, **judge(log)}) + "\n")
 
 
-def _log_of(case: Case, work: Path, requests: argparse.Namespace) -> Path:
+def _at_noise_of(case: Case, verdict: Verdict) -> Case:
+    """The case with the effects that were rendered: the sizes are proportional to the noise of the images."""
+    return replace(case, noise_ratio=float(str(verdict["noise_ratio"])))
+
+
+def _log_of(case: Case, images: Scenario, work: Path, requests: argparse.Namespace) -> Path:
     """The log of a case: rendered, or the stored one."""
     stored = None if requests.logs is None else requests.logs / f"{'varied-' if requests.varied else ''}{case.key}"
     if stored is not None and stored.exists():
         return stored
-    images = varied_images(case.seed) if requests.varied else paper_images(case.seed)
-    sized = replace(case, size=case.size * noise_px(images) / PAPER_NOISE_PX) if requests.varied else case
-    log = rendered_log(work / "run", images, replace(case.conditions(), noise_px=0.0), sized.effects())
+    log = rendered_log(work / "run", images, replace(case.conditions(), noise_px=0.0), case.effects())
     return log if stored is None else log.rename(stored)
 
 

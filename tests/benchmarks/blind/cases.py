@@ -58,6 +58,7 @@ class Case:
         seed: of everything.
         white: whether points share no noise and none is lost or wrong.
         under: a nuisance that the usual cases do not have, or nothing.
+        noise_ratio: noise relative to that for which detection limits are stated; the limits are proportional to it.
     """
 
     kind: str
@@ -66,11 +67,14 @@ class Case:
     seed: int
     white: bool = False
     under: str = ""
+    noise_ratio: float = 1.0
 
     @property
     def key(self) -> str:
         """Key of its data and verdict; reveals nothing of the hidden effect."""
-        fields = {name: value for name, value in asdict(self).items() if name not in ("white", "under") or value}
+        fields = {
+            name: value for name, value in asdict(self).items() if name != "noise_ratio" and (name not in ("white", "under") or value)
+        }
         return hashlib.sha256(b"semlive blind, sizes as they can be detected " + json.dumps(fields).encode()).hexdigest()[:16]
 
     def effects(self) -> tuple[Effect, ...]:
@@ -87,7 +91,7 @@ class Case:
 
     def _peak_px(self, name: str) -> float:
         if self.under != ANY_SIZE:
-            return peak_px(name, self.size)
+            return peak_px(name, self.size * self.noise_ratio)
         least, largest = np.log(np.maximum(PHYSICAL_PX[name], 1e-3))
         return float(np.exp(np.random.default_rng((self.seed, 79, tuple(DETECTABLE_PX).index(name))).uniform(least, largest)))
 
@@ -115,7 +119,7 @@ class Case:
         """Whether the largest that is met is below twice what can be detected: a wrong row time, where the drift's rate hardly varies."""
         if (self.kind, self.names) != (ONE, ("wrong_row_time",)):
             return False
-        return largest_px(self.conditions(), (WrongRowTime(WIDEST),)) < 2.0 * DETECTABLE_PX["wrong_row_time"]
+        return largest_px(self.conditions(), (WrongRowTime(WIDEST),)) < 2.0 * self.noise_ratio * DETECTABLE_PX["wrong_row_time"]
 
     @property
     def sheared(self) -> bool:
@@ -166,7 +170,7 @@ def _effects(case: Case) -> tuple[Effect, ...]:
 
 @cache
 def _like_a_shear(case: Case) -> bool:
-    return beyond_shear_px(case.conditions(), case.effects()) < DETECTABLE_PX[case.names[0]]
+    return beyond_shear_px(case.conditions(), case.effects()) < case.noise_ratio * DETECTABLE_PX[case.names[0]]
 
 
 def peak_px(name: str, size: float) -> float:
