@@ -29,12 +29,11 @@ from bench_diagnose import PAGE, verdicts
 from blind.cases import Case, Counts, cases
 from blind.hiding import DETECTABLE_PX
 from blind.rendering import PAPER_NOISE_PX, noise_px, paper_images, rendered_log, varied_images
-from blind.scoring import Verdict, table
+from blind.scoring import Verdict, table, without_correlation_bias
 
 from semlive_simulators.scenario import Scenario
 
 BEGIN, END = "<!-- rendered: begin -->\n", "<!-- rendered: end -->\n"
-OWN = "dic_subpixel_bias"
 
 
 def main() -> None:
@@ -62,7 +61,7 @@ def main() -> None:
         own, shards = (int(entry) for entry in requests.shard.split("/"))
         _run(chosen[own - 1 :: shards], requests.folder / f"verdicts-{own}-of-{shards}.jsonl", requests)
     stored = verdicts(requests.folder)
-    scored = [(_at_noise_of(case, stored[case.key]), _without_its_own(stored[case.key])) for case in chosen if case.key in stored]
+    scored = [(_at_noise_of(case, stored[case.key]), without_correlation_bias(stored[case.key])) for case in chosen if case.key in stored]
     lines = [entry for entry in table(scored).splitlines() if "| 0 of 0 |" not in entry]
     found = "\n".join([*lines, *_costs([entry for _, entry in scored])]) + "\n"
     sys.stdout.write(found)
@@ -118,14 +117,6 @@ def judge(log: Path) -> Verdict:
         "wall_s": time.monotonic() - begin,
         "most_mb": used.ru_maxrss / 1024,
     }
-
-
-def _without_its_own(verdict: Verdict) -> Verdict:
-    """Verdict without the effect that correlation itself causes in every image."""
-    names = verdict["names"]
-    remaining = [entry for entry in names if entry != OWN] if isinstance(names, list) else []
-    nothing = verdict["outcome"] == "IDENTIFIED" and not remaining
-    return {**verdict, "names": remaining, "outcome": "NONE" if nothing else verdict["outcome"]}
 
 
 def _costs(found: list[Verdict]) -> Iterator[str]:

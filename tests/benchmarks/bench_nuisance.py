@@ -4,7 +4,8 @@
 
 For each condition of `blind/nuisance.py`, so many runs without an effect and so many with one at four times the detection limit; the
 effects follow each other in their order. With any size, sizes are drawn over the range that occurs at x200, and only those of at least
-four times the limit need a name. Requirement: correct effects fall by at most 3 points, false effects stay at or below 1 %.
+four times the limit need a name. Under a bias of the correlation, this bias is correct with or without another effect. Requirement:
+correct effects fall by at most 3 points, false effects stay at or below 1 %.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from bench_diagnose import judge
 from blind.campaign import run
 from blind.cases import FIRST_SEED, NOTHING, ONE, Case
 from blind.hiding import DETECTABLE_PX
-from blind.nuisance import NUISANCES
-from blind.scoring import at_least, at_most, judged
+from blind.nuisance import BIAS, NUISANCES
+from blind.scoring import at_least, at_most, judged, without_correlation_bias
 
 USUAL = "usual"
 Verdict = dict[str, Any]
@@ -43,7 +44,8 @@ class Run:
         """With what it is worth."""
         _, found = judge(self.case.observed())
         about = {"under": self.case.under or USUAL, "law": self.case.names, "detectable": self.case.detectable}
-        return {"key": self.key, "kind": self.case.kind, **about, "judged": judged(self.case, found), **found}
+        counted = without_correlation_bias(found) if self.case.under == BIAS else found
+        return {"key": self.key, "kind": self.case.kind, **about, "judged": judged(self.case, counted), **found}
 
 
 def cases(seeds: int, nulls: int) -> Iterator[Run]:

@@ -16,6 +16,7 @@ from semlive_simulators.effects.drift import RandomWalkDrift
 HALF = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
 Rng = np.random.Generator
 SUBSET_PX = 43
+BIAS = "bias of the correlation"
 WALK_PX = 0.002, 0.01
 """Per root of a second: 0.16 to 0.8 px in 6500 s."""
 
@@ -35,7 +36,7 @@ NUISANCES: dict[str, Callable[[Conditions, Rng], Conditions]] = {
     "lost regions": lambda plain, rng: replace(plain, lost_px=float(rng.uniform(60.0, 150.0)), missing=0.05, outliers=0.005),
     "stage errors": lambda plain, rng: replace(plain, stage_error_px=4.0),
     "walking drift": _walking,
-    "bias of the correlation": lambda plain, rng: replace(plain, bias_px=0.001),
+    BIAS: lambda plain, rng: replace(plain, bias_px=0.001),
     "short plan": lambda plain, rng: replace(plain, calibration=6, tension=6),
     "long plan": lambda plain, rng: replace(plain, calibration=9, tension=16),
     "half the dwell": lambda plain, rng: replace(plain, scan=HALF),

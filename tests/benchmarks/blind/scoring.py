@@ -12,6 +12,7 @@ from blind.hiding import DETECTABLE_PX, PHYSICAL_PX
 from scipy.stats import beta
 
 LEVEL = 0.95
+CORRELATION_BIAS = "dic_subpixel_bias"
 NORMAL_90 = 1.645  # standard deviations of an interval of 90 %
 Verdict = dict[str, object]
 Scored = Sequence[tuple[Case, Verdict]]
@@ -35,6 +36,14 @@ def judged(case: Case, verdict: Verdict) -> str:
     if outcome == "AMBIGUOUS":
         return "set" if set(case.names) <= {*names, *alternatives} and case.names else "wrong"
     return outcome
+
+
+def without_correlation_bias(verdict: Verdict) -> Verdict:
+    """Verdict on data that have the bias of the correlation, with or without a further effect: the bias is correct, not false."""
+    names = _names(verdict["names"])
+    remaining = [entry for entry in names if entry != CORRELATION_BIAS]
+    nothing = verdict["outcome"] == "IDENTIFIED" and not remaining
+    return {**verdict, "names": remaining, "outcome": "NONE" if nothing else verdict["outcome"]}
 
 
 def _names(names: object) -> list[str]:
