@@ -105,7 +105,7 @@ def _effect(effect: IdentifiedEffect, diagnosis: Diagnosis) -> Section:
     rows = [
         (
             parameter.name,
-            with_sigma(parameter.value, parameter.sigma),
+            " or ".join(with_sigma(*value) for value in ((parameter.value, parameter.sigma), *parameter.alternatives)),
             f"{parameter.value / parameter.sigma:.1f}" if parameter.sigma > 0 else "",
             parameter.unit,
             correction,

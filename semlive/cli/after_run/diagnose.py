@@ -159,7 +159,9 @@ def _effect_table(effect: IdentifiedEffect, found: bool) -> Table:
     for heading in ("parameter", "value", "sigma", "unit"):
         table.add_column(heading)
     for parameter in effect.parameters:
-        table.add_row(parameter.name, f"{parameter.value:.4g}", f"{parameter.sigma:.2g}", parameter.unit)
+        estimates = [(parameter.name, parameter.value, parameter.sigma), *(("or", *other) for other in parameter.alternatives)]
+        for name, value, sigma in estimates:
+            table.add_row(name, f"{value:.4g}", f"{sigma:.2g}", parameter.unit)
     if effect.strain:
         modulus = effect.modulus_bias
         bias = "" if modulus is None else f"; it would change Young's modulus by {100 * modulus.value:+.2g} +- {100 * modulus.sigma:.2g} %"

@@ -29,12 +29,14 @@ class ParameterEstimate:
         value: most likely value.
         sigma: standard uncertainty.
         unit: unit of value and sigma.
+        alternatives: further values that the data do not exclude, with their standard uncertainties, the most likely first.
     """
 
     name: str
     value: float
     sigma: float
     unit: str
+    alternatives: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,5 +113,11 @@ def effect_json(effect: IdentifiedEffect) -> dict[str, object]:
 
 
 def parameters_json(parameters: Sequence[ParameterEstimate]) -> dict[str, object]:
-    """JSON object of parameters by name."""
-    return {parameter.name: {"value": parameter.value, "sigma": parameter.sigma, "unit": parameter.unit} for parameter in parameters}
+    """JSON object of parameters by name; ``alternatives`` only where the data do not exclude other values."""
+    return {parameter.name: _parameter_json(parameter) for parameter in parameters}
+
+
+def _parameter_json(parameter: ParameterEstimate) -> dict[str, object]:
+    own: dict[str, object] = {"value": parameter.value, "sigma": parameter.sigma, "unit": parameter.unit}
+    others = [{"value": value, "sigma": sigma} for value, sigma in parameter.alternatives]
+    return own | ({"alternatives": others} if others else {})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -22,6 +22,8 @@ from semlive.diagnose.maps.refinement import RefinedEffect, refined, refit_joint
 from semlive.model.effects import EFFECT_CLASSES, EffectClass, NonlinearParameter
 from semlive.model.effects.effect_class import Values
 from semlive.model.effects.maps.image_field import AFFINE
+from semlive.service.diagnosis.verdict_json import parameters_json
+from semlive_simulators.effects.drift import ThermalOscillation
 
 GRID = Grid(101, 101, 60, 12, 10, 43)
 CLOSE = Grid(101, 101, 15, 50, 40, 43)
@@ -62,6 +64,23 @@ def test_a_large_jump_between_grid_instants_has_its_true_size() -> None:
         value, sigma = found[name]
         assert value == pytest.approx(true, abs=0.02)
         assert abs(value - true) < 3.0 * sigma
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_a_period_near_the_interval_of_the_frames_is_one_of_the_values_that_are_reported(seed: int) -> None:
+    """One frame per 214.7 s: periods near it, its half and its third differ little at the frames, and the drift follows most of them."""
+    effect = ThermalOscillation(0.0145, 0.0194, 213.24, 1.52)
+    conditions = Conditions(seed, calibration=8, tension=7, noise_px=0.0123)
+    period = likeliest(noise_scaled_baseline(observed(conditions, (effect,), GRID)), "thermal_oscillation").parameters[-1]
+    assert period.name == "period_s"
+    first, *_ = period.alternatives
+    assert parameters_json((period,))["period_s"]["alternatives"][0] == {"value": first[0], "sigma": first[1]}
+    assert min(abs(value - 213.24) / sigma for value, sigma in ((period.value, period.sigma), *period.alternatives)) < 3.0
+    other = replace(effect, period_s=150.0)
+    period = likeliest(noise_scaled_baseline(observed(conditions, (other,), GRID)), "thermal_oscillation").parameters[-1]
+    assert abs(period.value - 150.0) < 3.0 * period.sigma
+    assert period.alternatives == ()
+    assert set(parameters_json((period,))["period_s"]) == {"value", "sigma", "unit"}
 
 
 def test_refitted_next_to_no_other_an_effect_is_as_large_as_it_was() -> None:
