@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from semlive import pipeline
+from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
 from semlive.data.diagnosis.effects import EMPTY_MODEL, ModelEffect, Outcome
 from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast
 from semlive.data.pair import PairDecision
@@ -19,6 +20,7 @@ from semlive.diagnose.experiments.proposals import ranked
 from semlive.diagnose.fit_tests.adequacy import adequacy_of
 from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive.diagnose.maps.verdict import diagnose
+from semlive.diagnose.parallel import parallel_both
 from semlive.diagnose.rows.map_series import map_series, wave_fields
 from semlive.diagnose.rows.map_waves import diagnose_map_waves
 from semlive.diagnose.rows.verdict import diagnose_rows
@@ -31,6 +33,7 @@ from semlive.formats.log.messages import RunMessage
 from semlive.model.effects.intensity import intensity_effect
 from semlive.model.effects.rows import row_effect
 from semlive.model.effects.stage import non_map_effect
+from semlive.pipeline import AnalysisState
 from semlive.service.diagnosis.images import ImageChannels, ImageData
 from semlive.service.diagnosis.long_runs import coarser_drift, pair_count, thinned
 from semlive.service.diagnosis.model_file import pixel_size_um
@@ -62,7 +65,11 @@ def diagnose_log(
     settings = settings_of(log.run)
     channels = ImageChannels(settings.scan, (topic_counts(log.path) or {}).get("/pair", 0), watch)
     notes = LogNotes()
-    observation, steps = _observed(log, notes, watch, channels)
+    state = _followed(log, notes, watch, channels)
+    images = channels.data()
+    (observation, steps), (rows, grey) = parallel_both(
+        lambda: _observation(log, state), lambda: (_rows(images, seed, model_effects), _intensity(images, model_effects))
+    )
     verdict = diagnose(
         observation,
         seed,
@@ -78,9 +85,7 @@ def diagnose_log(
     verdict = add_gage_evidence(verdict, gage_readings(readings, steps, settings.specimen.gage_factor_sigma))
     if notes.sem_clock is not None:
         verdict = add_clock_evidence(verdict, notes.sem_clock.offset_s - settings.scan.clock_offset_s, notes.sem_clock.sigma_s)
-    verdict = _with_map_waves(verdict, observation)
-    images = channels.data()
-    return _with_intensity(_with_rows(verdict, images, seed), images), observation
+    return _with_images(_with_map_waves(verdict, observation), rows, grey), observation
 
 
 def _with_map_waves(verdict: Diagnosis, observation: Observation) -> Diagnosis:
@@ -100,26 +105,32 @@ def _with_map_waves(verdict: Diagnosis, observation: Observation) -> Diagnosis:
     return add_map_wave_verdict(verdict, waves, adequacy)
 
 
-def _with_rows(verdict: Diagnosis, images: ImageData, seed: int) -> Diagnosis:
-    reason = images.no_rows
-    if images.rows:
-        try:
-            rows = diagnose_rows(images.rows, seed, [effect for effect in verdict.model_effects if row_effect(effect.name) is not None])
-            return add_row_verdict(verdict, rows)
-        except IllPosed as error:
-            reason = str(error)
-    return replace(verdict, images=replace(verdict.images, no_rows=reason))
+def _rows(images: ImageData, seed: int, model_effects: Sequence[ModelEffect]) -> RowDiagnosis | str:
+    """Verdict on the rows, or the reason why there is none."""
+    if not images.rows:
+        return images.no_rows
+    try:
+        return diagnose_rows(images.rows, seed, [effect for effect in model_effects if row_effect(effect.name) is not None])
+    except IllPosed as error:
+        return str(error)
 
 
-def _with_intensity(verdict: Diagnosis, images: ImageData) -> Diagnosis:
-    reason = images.no_grey
-    if images.grey is not None:
-        try:
-            in_model = [effect for effect in verdict.model_effects if intensity_effect(effect.name) is not None]
-            return add_intensity_verdict(verdict, diagnose_intensity(images.grey, in_model))
-        except IllPosed as error:
-            reason = str(error)
-    return replace(verdict, images=replace(verdict.images, no_grey=reason))
+def _intensity(images: ImageData, model_effects: Sequence[ModelEffect]) -> IntensityDiagnosis | str:
+    """Verdict on the intensity, or the reason why there is none."""
+    if images.grey is None:
+        return images.no_grey
+    try:
+        return diagnose_intensity(images.grey, [effect for effect in model_effects if intensity_effect(effect.name) is not None])
+    except IllPosed as error:
+        return str(error)
+
+
+def _with_images(verdict: Diagnosis, rows: RowDiagnosis | str, grey: IntensityDiagnosis | str) -> Diagnosis:
+    """The verdict combined with those of the rows and of the intensity, or with the reasons why there are none."""
+    no_rows, no_grey = (reason if isinstance(reason, str) else "" for reason in (rows, grey))
+    verdict = replace(verdict, images=replace(verdict.images, no_rows=no_rows, no_grey=no_grey))
+    verdict = verdict if isinstance(rows, str) else add_row_verdict(verdict, rows)
+    return verdict if isinstance(grey, str) else add_intensity_verdict(verdict, grey)
 
 
 def propose_next_experiments(
@@ -143,12 +154,13 @@ def load_observation(log: OpenedLog, watch: Callable[[str, int, int], None] | No
     Raises:
         BadInput: the log cannot be read, or its data are too few to identify an effect.
     """
-    return _observed(log, LogNotes(), watch)[0]
+    return _observation(log, _followed(log, LogNotes(), watch))[0]
 
 
-def _observed(
+def _followed(
     log: OpenedLog, notes: LogNotes, watch: Callable[[str, int, int], None] | None, channels: ImageChannels | None = None
-) -> tuple[Observation, tuple[StepConditions, ...]]:
+) -> AnalysisState:
+    """The state of the joint method after all pairs of a log."""
     limit_blas_threads()
     settings = settings_of(log.run)
     settings = replace(settings, estimate=replace(settings.estimate, method="joint"), model=EMPTY_MODEL)
@@ -159,6 +171,10 @@ def _observed(
             watch("pair", len(state.pairs), len(state.pairs))
     if state is None:
         raise BadLog(f"{log.path}: contains no disparity maps; replay it from its images first.")
+    return state
+
+
+def _observation(log: OpenedLog, state: AnalysisState) -> tuple[Observation, tuple[StepConditions, ...]]:
     assert isinstance(state.estimator_state, EstimatorState)  # of the joint method
     steps = step_conditions(state.pairs, _hold_s(log.run))
     solution, alternative = baseline_solution(state.estimator_state)
