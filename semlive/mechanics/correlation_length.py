@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,24 +155,31 @@ def _fit(variogram: Array, grid: Grid, lags: NDArray[np.int64]) -> tuple[float, 
     if len(variogram) < MIN_LAGS:
         return 0.0, 0.0, 1.0, 1.0
     weight, best = 1.0 / np.sqrt(distance_px), (np.inf, 0.0, 0.0, 1.0, 1.0)
-    data, removed = variogram * weight, _RemovedPolynomial(grid)
+    data = variogram * weight
     level = float(np.sum(data * weight) / np.sum(weight**2))
-    longest = max(float(distance_px.max()), 2.0 * step_px)
-    for gaussian in SHAPES:
-        for length_px in np.geomspace(step_px, longest, LENGTHS).tolist():
-            shared = removed.variogram(distance_px, length_px, gaussian)
-            columns = np.stack((weight, shared * weight), axis=1)
-            own, common = np.linalg.lstsq(columns, data, rcond=None)[0].tolist()
-            if own < 0.0:
-                own, common = 0.0, float(columns[:, 1] @ data / (columns[:, 1] @ columns[:, 1]))
-            misfit = float(np.sum((columns @ (own, common) - data) ** 2))
-            if common > 0.0 and misfit < best[0]:
-                best = (misfit, length_px, gaussian, own / (own + common), own + common)
+    for length_px, gaussian, shared in _window_variograms(grid, tuple(lags.tolist())):
+        columns = np.stack((weight, shared * weight), axis=1)
+        own, common = np.linalg.lstsq(columns, data, rcond=None)[0].tolist()
+        if own < 0.0:
+            own, common = 0.0, float(columns[:, 1] @ data / (columns[:, 1] @ columns[:, 1]))
+        misfit = float(np.sum((columns @ (own, common) - data) ** 2))
+        if common > 0.0 and misfit < best[0]:
+            best = (misfit, length_px, gaussian, own / (own + common), own + common)
     misfit, length_px, gaussian, own, sill = best
     near = (1.0 - own) * float(window_correlation(np.array([step_px]), length_px, gaussian)[0]) if length_px else 0.0
     if misfit >= float(np.sum((level * weight - data) ** 2)) or near < MIN_CORRELATION:
         return 0.0, 0.0, 1.0, level
     return length_px, gaussian, own, sill
+
+
+@lru_cache(maxsize=8)  # a verdict fits three times on one grid
+def _window_variograms(grid: Grid, lags: tuple[int, ...]) -> tuple[tuple[float, float, Array], ...]:
+    """Length in px, Gaussian share and expected (lags,) variogram of every candidate window."""
+    distance_px, removed = np.array(lags, dtype=np.float64) * grid.step_px, _RemovedPolynomial(grid)
+    lengths_px = np.geomspace(grid.step_px, max(float(distance_px.max()), 2.0 * grid.step_px), LENGTHS).tolist()
+    return tuple(
+        (length_px, gaussian, removed.variogram(distance_px, length_px, gaussian)) for gaussian in SHAPES for length_px in lengths_px
+    )
 
 
 class _RemovedPolynomial:
@@ -181,23 +189,26 @@ class _RemovedPolynomial:
     """
 
     def __init__(self, grid: Grid) -> None:
-        shapes = _polynomials((COARSE, COARSE))
-        self._shapes = np.linalg.qr(shapes.reshape(COARSE**2, -1))[0].reshape(shapes.shape)
+        shapes = np.linalg.qr(_polynomials((COARSE, COARSE)).reshape(COARSE**2, -1))[0]
+        self._shapes = np.ascontiguousarray(shapes.T).reshape(-1, COARSE, COARSE)
         self._lags = np.arange(1, round(FIELD_FRACTION * COARSE) + 1)
         self._x_px, self._y_px = (np.linspace(0.0, (count - 1.0) * grid.step_px, COARSE) for count in (grid.nx, grid.ny))
 
     def variogram(self, distance_px: Array, length_px: float, gaussian: float) -> Array:
         """(lags,) half the expected square difference, relative to the variance of the noise, at distances along rows."""
         along_x, along_y = (window_correlation(position_px, length_px, gaussian)[_SEPARATION] for position_px in (self._x_px, self._y_px))
-        shapes = self._shapes
-        shared = np.tensordot(along_y, np.tensordot(along_x, shapes, (1, 1)), (1, 1))
-        amplitudes = np.tensordot(shapes, shared, ((0, 1), (0, 1)))
-        half = shared - 0.5 * shapes @ amplitudes
-        removed = [np.einsum("yxk,yxk", _step(shapes, lag), _step(half, lag)) / (COARSE * (COARSE - lag)) for lag in self._lags.tolist()]
+        shapes = self._shapes  # (k, y, x)
+        shared = along_y @ shapes @ along_x
+        amplitudes = np.tensordot(shapes, shared, ((1, 2), (1, 2)))
+        half = shared - 0.5 * np.tensordot(amplitudes, shapes, (0, 0))
+        # One product of all pairs of places in a row serves every lag: a tenth of the time of the differences over each.
+        products = shapes.reshape(-1, COARSE).T @ half.reshape(-1, COARSE)
+        removed = _squared_differences(products)[self._lags] / (COARSE * (COARSE - self._lags))
         at_px = self._x_px[np.append(0, self._lags)]
         return 1.0 - window_correlation(distance_px, length_px, gaussian) - np.interp(distance_px, at_px, np.append(0.0, removed))
 
 
-def _step(values: Array, lag: int) -> Array:
-    """Differences over a lag along rows."""
-    return np.asarray(values[:, lag:] - values[:, :-lag])
+def _squared_differences(products: Array) -> Array:
+    """(lags,) sum of the products of differences over each lag, from the products (x, x) of two fields at all pairs of places."""
+    up_to = np.cumsum(np.append(0.0, np.diagonal(products)))
+    return np.asarray(up_to[-1] - up_to[:-1] + up_to[:0:-1] - np.bincount(_SEPARATION.ravel(), products.ravel()))
