@@ -219,7 +219,7 @@ def _coherent(found: _Differences, axis: int, factors: Array, rng: np.random.Gen
 
 def _log_density(size: Array, true: Array, sigma: Array) -> Array:
     """Log of Rice's density; the scaled Bessel function contains the exponential of the product."""
-    return np.asarray(np.log(size / sigma**2 * special.ive(0, size * true / sigma**2)) - 0.5 * ((size - true) / sigma) ** 2)
+    return np.asarray(np.log(size / sigma**2 * special.i0e(size * true / sigma**2)) - 0.5 * ((size - true) / sigma) ** 2)
 
 
 def _factor(turns: Array, frames: Array) -> Array:
