@@ -4,13 +4,15 @@
 
 For each condition of `blind/nuisance.py`, so many runs without an effect and so many with one at four times the detection limit; the
 effects follow each other in their order. With any size, sizes are drawn over the range that occurs at x200, and only those of at least
-four times the limit need a name. Under a bias of the correlation, this bias is correct with or without another effect. Requirement:
-correct effects fall by at most 3 points, false effects stay at or below 1 %.
+four times the limit need a name. Under a bias of the correlation, this bias is correct with or without another effect. A wrong row time is
+not counted where that of the blind set is not: where it causes less than twice its detection limit, or is inseparable from a shear.
+Requirement: correct effects fall by at most 3 points, false effects stay at or below 1 %.
 """
 
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +46,7 @@ class Run:
         """With what it is worth."""
         _, found = judge(self.case.observed())
         about = {"under": self.case.under or USUAL, "law": self.case.names, "detectable": self.case.detectable}
+        about |= {"faint": self.case.faint, "sheared": self.case.sheared}
         counted = without_correlation_bias(found) if self.case.under == BIAS else found
         return {"key": self.key, "kind": self.case.kind, **about, "judged": judged(self.case, counted), **found}
 
@@ -67,7 +70,7 @@ def table(verdicts: Sequence[Verdict]) -> str:
     for under in (USUAL, *NUISANCES):
         rows += [_row(under, [item for item in verdicts if item["under"] == under])]
     every = [item for item in verdicts if item["under"] != USUAL]
-    rows += [_row("all but the usual", every), "", *_bounds(every), "", *_failures(verdicts)]
+    rows += [_row("all but the usual", every), "", *_bounds(every), *_uncounted(verdicts), "", *_failures(verdicts)]
     return "\n".join([*rows, ""])
 
 
@@ -84,7 +87,20 @@ def _row(about: str, own: Sequence[Verdict]) -> str:
 
 def _effects(own: Sequence[Verdict]) -> list[Verdict]:
     """Those that need a name; a wrong name is counted for all."""
-    return [item for item in own if item["kind"] == ONE and (item["detectable"] or item["judged"] == "wrong")]
+    return [item for item in own if item["kind"] == ONE and (_needs_name(item) or item["judged"] == "wrong")]
+
+
+def _needs_name(item: Verdict) -> bool:
+    return bool(item["detectable"] and not item["faint"] and not item["sheared"])
+
+
+def _uncounted(verdicts: Sequence[Verdict]) -> list[str]:
+    """Wrong row times that need no name, with their outcomes."""
+    uncounted = Counter(item["judged"] for item in verdicts if item["kind"] == ONE and item["detectable"] and not _needs_name(item))
+    if not uncounted:
+        return []
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in uncounted.most_common())
+    return [f"Not counted: `wrong_row_time` below twice its limit or inseparable from a shear: {outcomes}."]
 
 
 def _bounds(own: Sequence[Verdict]) -> list[str]:

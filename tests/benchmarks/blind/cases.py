@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from blind.deformed import DEFORMED, deformed
 from blind.experiment import Conditions, beyond_shear_px, largest_px
-from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, hidden_constants, hidden_effect, hidden_values
+from blind.hiding import DETECTABLE_PX, PHYSICAL_PX, hidden_constants, hidden_effect, hidden_values, jump_frame
 from blind.nuisance import ANY_SIZE, GRIDS, under
 from blind.observing import observed
 from blind.strange import STRANGE
@@ -24,6 +24,7 @@ from semlive.model.effects import EFFECT_CLASSES, EffectClass
 from semlive_simulators.effects.interfaces import Effect
 from semlive_simulators.effects.library import LIBRARY
 from semlive_simulators.effects.scan_timing import WrongRowTime
+from semlive_simulators.effects.specimen_motion import DriftJump
 
 GRID = Grid(101, 101, 15, 50, 40, 43)
 """Every third point of the usual grid: its block means differ by less than their noise, and cases are made in half the time."""
@@ -112,7 +113,14 @@ class Case:
 
     def _lawful(self, name: str, peak_px: float) -> Effect:
         (effect,) = hidden_effect(name, peak_px, self.seed)
+        if isinstance(effect, DriftJump) and self.under:
+            effect = replace(effect, at_s=self._jump_s())
         return deformed(effect) if self.kind == DEFORMED_LAW else effect
+
+    def _jump_s(self) -> float:
+        """Instant of a jump at the same rows as in the usual cases; between frames it is a rigid motion, which no map can show."""
+        (frame, fraction), conditions = jump_frame(self.seed), self.conditions()
+        return conditions.begin_s(frame) + fraction * conditions.scan.frame_time_s
 
     @property
     def faint(self) -> bool:

@@ -33,7 +33,7 @@ PHYSICAL_PX: dict[str, tuple[float, float]] = {name: tuple(one["physical_px"]) f
 def hidden_effect(name: str, peak_px: float, seed: int) -> tuple[Effect, ...]:
     """An effect of the library whose displacement is about so large at its largest; the seed moves what has a place or an instant."""
     kind, x, y = LIBRARY[name], 0.6 * peak_px, 0.8 * peak_px
-    share = (seed * 0.6180339887) % 1.0
+    share, jump = _share(seed), jump_frame(seed)
     built: dict[str, tuple[float | tuple[tuple[float, float], ...], ...]] = {
         "magnification_drift": (peak_px / HALF_WIDTH_PX, 3600.0),
         "raster_rotation_drift": (peak_px / HALF_WIDTH_PX, 3600.0),
@@ -48,7 +48,7 @@ def hidden_effect(name: str, peak_px: float, seed: int) -> tuple[Effect, ...]:
         "creep_in_hold": (peak_px / HALF_WIDTH_PX / TOP_N / 3.0, 10.0, 0.33),
         "load_step_transient": (x / STEP_N, y / STEP_N, 60.0),
         "stage_step_transient": (peak_px / 30.0, 60.0),
-        "drift_jump": (x, y, 214.7 * (3 + int(20 * share)) + 94.7 * (0.2 + 0.5 * share)),  # in rows that have points
+        "drift_jump": (x, y, 214.7 * jump[0] + 94.7 * jump[1]),
         "jump_within_pair": (x, y, 5 + 2 * int(8 * share)),
         "wrong_row_time": (peak_px / 0.4,),
         "thermal_oscillation": (x, y, 150.0 + 250.0 * share, 6.0 * share),
@@ -56,6 +56,15 @@ def hidden_effect(name: str, peak_px: float, seed: int) -> tuple[Effect, ...]:
         "charging_local_lens": (peak_px, 80.0, 0.0, 900.0, ((250.0 + 500.0 * share, 200.0 + 400.0 * ((7 * share) % 1.0)),)),
     }
     return (kind(*built[name]),)
+
+
+def _share(seed: int) -> float:
+    return (seed * 0.6180339887) % 1.0
+
+
+def jump_frame(seed: int) -> tuple[int, float]:
+    """Frame during which a jump occurs, and the fraction of its scan, in rows that have points."""
+    return 3 + int(20 * _share(seed)), 0.2 + 0.5 * _share(seed)
 
 
 def hidden_values(name: str, effect: Any) -> dict[str, float]:
