@@ -17,10 +17,3 @@ def parallel_map(work: Callable[[T], R], many: Iterable[T]) -> list[R]:
     """Results of `work` for each item, in order. Raises the exception of the first item that fails."""
     with ThreadPoolExecutor(WORKERS) as pool:
         return list(pool.map(work, many))
-
-
-def parallel_both(first: Callable[[], T], second: Callable[[], R]) -> tuple[T, R]:
-    """Results of two tasks; the second runs in another thread. Raises the exception of the first task, else of the second."""
-    with ThreadPoolExecutor(1) as pool:
-        result = pool.submit(second)
-        return first(), result.result()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,6 @@ from semlive.diagnose.experiments.proposals import ranked
 from semlive.diagnose.fit_tests.adequacy import adequacy_of
 from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive.diagnose.maps.verdict import diagnose
-from semlive.diagnose.parallel import parallel_both
 from semlive.diagnose.rows.map_series import map_series, wave_fields
 from semlive.diagnose.rows.map_waves import diagnose_map_waves
 from semlive.diagnose.rows.verdict import diagnose_rows
@@ -67,9 +67,10 @@ def diagnose_log(
     notes = LogNotes()
     state = _followed(log, notes, watch, channels)
     images = channels.data()
-    (observation, steps), (rows, grey) = parallel_both(
-        lambda: _observation(log, state), lambda: (_rows(images, seed, model_effects), _intensity(images, model_effects))
-    )
+    with ThreadPoolExecutor(1) as pool:  # parts of the estimate use one thread
+        of_images = pool.submit(lambda: (_rows(images, seed, model_effects), _intensity(images, model_effects)))
+        observation, steps = _observation(log, state)
+    rows, grey = of_images.result()
     verdict = diagnose(
         observation,
         seed,

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from semlive.diagnose.parallel import parallel_both, parallel_map
+from semlive.diagnose.parallel import parallel_map
 
 
 def test_results_have_the_order_of_their_requests() -> None:
@@ -25,19 +25,3 @@ def test_results_have_the_order_of_their_requests() -> None:
 def test_what_work_raises_comes_out() -> None:
     with pytest.raises(ZeroDivisionError):
         parallel_map(lambda item: 1 // item, [1, 0, 2])
-
-
-def test_two_tasks_run_side_by_side_and_give_both_results() -> None:
-    second = threading.Event()
-
-    def first() -> str:
-        assert second.wait(10.0)
-        return "first"
-
-    assert parallel_both(first, lambda: second.set() or 2) == ("first", 2)
-
-
-def test_what_either_of_two_tasks_raises_comes_out() -> None:
-    for tasks in ((lambda: 1 // 0, lambda: 1), (lambda: 1, lambda: 1 // 0)):
-        with pytest.raises(ZeroDivisionError):
-            parallel_both(*tasks)
