@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +23,6 @@ from semlive.estimate.joint.selection.model_selection import COUPLING_SIGMAS, di
 from semlive.estimate.joint.selection.row_term import row_groups, row_shift_term_test
 from semlive.estimate.joint.solution.residual_noise import MIN_FINAL_BLOCK_NOISE_PX, estimated_noise, residuals
 from semlive.estimate.storage import IN_MEMORY, Storage
-from semlive.kernels.threads import run_pair_in_parallel
 
 HUBER = 5.0
 """Limit of normalised residuals, in noise scales; of 32,000 block means of pure noise, one in fifty runs exceeds it."""
@@ -98,7 +96,7 @@ def select_and_solve(state: EstimatorState) -> Solution:
     Raises:
         IllPosed: there are no data, or they are not finite.
     """
-    return _finished(_couplings(state, both=False)[0], state.storage)
+    return _finished(_couplings(state)[0], state.storage)
 
 
 def solve_both_couplings(state: EstimatorState) -> tuple[Solution, Solution | None]:
@@ -109,7 +107,7 @@ def solve_both_couplings(state: EstimatorState) -> tuple[Solution, Solution | No
     Raises:
         IllPosed: there are no data, or they are not finite.
     """
-    chosen, alternative = _couplings(state, both=True)
+    chosen, alternative = _couplings(state)
     found = _finished(chosen, state.storage)
     try:
         return found, alternative and _finished(alternative, state.storage)
@@ -155,49 +153,25 @@ class _Coupled:
     terms: tuple[TermTest, ...]
 
 
-def _couplings(state: EstimatorState, *, both: bool) -> tuple[_Coupled, _Coupled | None]:
-    """The selected fit, and the fit with the other advection if the selection is in doubt.
-
-    Args:
-        state: the data.
-        both: whether to fit with advection while the fit without it is made, before it is known to be needed.
-    """
+def _couplings(state: EstimatorState) -> tuple[_Coupled, _Coupled | None]:
+    """The selected fit, and the fit with the other advection if the selection is in doubt."""
     if state.drift is None:
         raise IllPosed("no pair has been accumulated yet, so there is nothing to estimate: add pair 0 first")
     state = replace(state, rows=tuple(state.rows), storage=IN_MEMORY)  # the rows are read dozens of times
     gauge = gauge_precision(state)
     mean = _first_mean(state, Hyperparameters(), gauge)
+    fitted, tests = _with_raster_terms(_fitted(relinearise(state, mean), Hyperparameters(), gauge, mean), gauge)
     # A wrong magnification resembles a wrong advection and vice versa. The advection is tested with magnification in the model,
     # and the magnification is tested again after the advection.
-    (still, test), along = run_pair_in_parallel(
-        lambda: _without_advection(state, mean, gauge), lambda: _possible_advection(state, mean, gauge) if both else None, worth=both
-    )
+    test = _coupling(fitted, gauge)
+    still = _Coupled(fitted, (*tests, replace(test, included=False)))
     if abs(test.value) <= COUPLING_SIGMAS * test.sigma:  # one column does not determine gamma if the misfit dominates
         return still, None
-    along = along or _with_advection(state, mean, gauge)
-    along = replace(along, terms=(*along.terms, replace(test, included=True)))
+    fitted, tests = _with_raster_terms(_carried(state, mean, gauge), gauge)
+    along = _Coupled(fitted, (*tests, replace(test, included=True)))
     if test.included or along.fitted.hyper.noise_scale < MAX_NOISE_SCALE_RATIO * still.fitted.hyper.noise_scale:
         return along, still if abs(test.value - 1.0) > COUPLING_SIGMAS * test.sigma else None
     return still, along
-
-
-def _without_advection(state: EstimatorState, mean: NDArray[np.float64], gauge: NDArray[np.float64]) -> tuple[_Coupled, TermTest]:
-    """The fit without distortion advection, and the test of it."""
-    fitted, tests = _with_raster_terms(_fitted(relinearise(state, mean), Hyperparameters(), gauge, mean), gauge)
-    test = _coupling(fitted, gauge)
-    return _Coupled(fitted, (*tests, replace(test, included=False))), test
-
-
-def _with_advection(state: EstimatorState, mean: NDArray[np.float64], gauge: NDArray[np.float64]) -> _Coupled:
-    """The fit with distortion advection, without the test of it."""
-    return _Coupled(*_with_raster_terms(_carried(state, mean, gauge), gauge))
-
-
-def _possible_advection(state: EstimatorState, mean: NDArray[np.float64], gauge: NDArray[np.float64]) -> _Coupled | None:
-    """The fit with distortion advection before it is known to be needed; None if it fails."""
-    with suppress(IllPosed, np.linalg.LinAlgError):
-        return _with_advection(state, mean, gauge)
-    return None
 
 
 def _finished(coupled: _Coupled, storage: Storage) -> Solution:
