@@ -58,13 +58,14 @@ def cholesky(matrix: Matrix) -> Matrix:
     Raises:
         LinAlgError: the matrix is not finite or not positive definite.
     """
-    return _factor_in_place(np.array(matrix, order="F"))
+    return _factor_in_place(np.array(matrix, dtype=np.float64, order="F"))
 
 
 def _factor_in_place(lower: Matrix) -> Matrix:
     """Factor of a matrix in Fortran order, in its memory, with zeros above the diagonal."""
     if not lower.size:
         return lower
+    _require_square(lower, len(lower))
     size, failed = c_int(len(lower)), c_int()
     _potrf(byref(_LOWER), byref(size), lower.ctypes.data, byref(size), byref(failed))
     # A number that is not finite makes the diagonal of the factor not finite, even where LAPACK reports no failure.
@@ -75,7 +76,12 @@ def _factor_in_place(lower: Matrix) -> Matrix:
 
 
 def forward_substitution(lower: Matrix, right: Matrix) -> Matrix:
-    """(n,) or (n, k) solution of a lower triangular system with a nonzero diagonal, such as that of a Cholesky factor."""
+    """(n,) or (n, k) solution of a lower triangular system with a nonzero diagonal, such as that of a Cholesky factor.
+
+    Raises:
+        ValueError: the matrix is not (n, n).
+    """
+    _require_square(lower, len(right))
     if not right.size:
         return np.zeros(right.shape)
     if right.ndim == 1:
@@ -85,3 +91,13 @@ def forward_substitution(lower: Matrix, right: Matrix) -> Matrix:
     sides = (byref(_RIGHT), byref(_LOWER), byref(_TRANSPOSED), byref(_GENERAL))  # for BLAS, the solution is transposed
     _trsm(*sides, byref(columns), byref(rows), byref(_ONE), factor.ctypes.data, byref(rows), solved.ctypes.data, byref(columns))
     return solved
+
+
+def _require_square(matrix: Matrix, size: int) -> None:
+    """Check a shape: functions that are called by their addresses would read other memory.
+
+    Raises:
+        ValueError: the matrix is not (size, size).
+    """
+    if matrix.shape != (size, size):
+        raise ValueError(f"a matrix of shape {matrix.shape} for {size} rows")

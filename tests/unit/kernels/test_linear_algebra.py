@@ -58,3 +58,15 @@ def test_many_right_sides_give_what_the_triangular_solver_gives(size: int, count
     np.testing.assert_allclose(forward_substitution(lower, right), expected, rtol=1e-9, atol=1e-12)
     if count and size:
         np.testing.assert_allclose(forward_substitution(lower, right[:, 0]), expected[:, 0], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (4, 3), (5, 5)])
+def test_shapes_that_do_not_fit_are_refused(shape: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match="4 rows"):
+        forward_substitution(np.ones(shape), np.ones((4, 2)))
+
+
+def test_a_matrix_that_is_not_square_is_refused_and_integers_are_converted() -> None:
+    with pytest.raises(ValueError, match="4 rows"):
+        cholesky(np.ones((4, 3)))
+    np.testing.assert_array_equal(cholesky(np.diag([4, 9])), np.diag([2.0, 3.0]))
