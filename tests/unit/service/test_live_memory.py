@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import tempfile
 import tracemalloc
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.data.settings import AnalysisSettings, EstimateSettings
+from semlive.estimate.joint.observations import accumulation
 from semlive.estimate.joint.observations.block_means import BlockColumns, PackedColumns, StoredColumns
 from semlive.estimate.storage import IN_MEMORY, Storage
 from semlive.formats.log.messages import DriftMessage, from_json, to_json
@@ -26,7 +28,8 @@ from semlive.service.storage.map_store import MapStore, offload_pair
 from semlive.service.storage.pair_archive import PairArchive
 
 GRID = Grid(40, 40, 10, 40, 30, 43)
-EVERY, LAST = 50, 62  # between two choices
+EVERY, LAST = 34, 46  # between two choices; pairs before the newest 32 are no longer smoothed
+DENSE_KNOTS = 64  # those of 12 pairs
 
 
 def timing() -> ScanTiming:
@@ -77,9 +80,17 @@ def held_bytes() -> int:
 StoredRun = tuple[pipeline.AnalysisState, Storage]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def small_matrix() -> Iterator[None]:
+    """A dense matrix of 12 pairs instead of 32: the choices after 16, 24 and 32 pairs are those of a long run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(accumulation, "DENSE_KNOTS", DENSE_KNOTS)
+        yield
+
+
 @pytest.fixture(scope="module")
 def live() -> StoredRun:
-    """A live run beyond 32 pairs, from where on pairs are eliminated one by one, with a choice at 48, and where it is kept."""
+    """A live run beyond 12 pairs, from where on pairs are eliminated one by one, with a choice at 32, and where it is kept."""
     keep = PairArchive()
     return followed(None, range(EVERY), keep), keep
 
