@@ -28,9 +28,8 @@ from semlive_simulators.effects.scan_timing import WrongRowTime
 from semlive_simulators.effects.settling import FlybackSettling, FrameStartSettling
 from semlive_simulators.microscope.scan import Scan
 
-GRID = Grid(56, 56, 45, 20, 17, 43)  # a block is a point
+GRID = Grid(56, 56, 60, 15, 12, 43)  # a block is a point
 FINE = Grid(56, 56, 15, 60, 50, 43)
-COARSE = Grid(56, 56, 60, 15, 12, 43)
 HALF = replace(SCAN, dwell_time_s=0.5 * SCAN.dwell_time_s, frame_time_s=0.5 * SCAN.frame_time_s)
 
 
@@ -87,16 +86,16 @@ def test_a_scan_bound_distortion_without_a_model_is_unknown() -> None:
 
 def test_two_runs_with_equal_scans_decide_nothing() -> None:
     with pytest.raises(IllPosed, match="equal scan times"):
-        compare_runs((run(44, grid=COARSE), run(1044, bent_like=44, grid=COARSE)))
+        compare_runs((run(44), run(1044, bent_like=44)))
 
 
 def test_runs_on_other_points_are_refused() -> None:
     with pytest.raises(IllPosed, match="different grids or frame sizes"):
-        compare_runs((run(45, grid=COARSE), run(1045, (), HALF, 45, Grid(101, 101, 60, 12, 10, 43))))
+        compare_runs((run(45), run(1045, (), HALF, 45, Grid(101, 101, 60, 12, 10, 43))))
 
 
 def test_one_run_joined_with_nothing_is_that_run() -> None:
-    alone = run(46, grid=COARSE)
+    alone = run(46)
     best = HyperparameterGrid(alone.design, alone.whitened_residual, (alone.best,))
     joined = join_runs([alone])
     scene = alone.design.observation.geometry
