@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from blind.experiment import Conditions
 from blind.imported import imported
+from blind.observing import QUICK
+from numexp.stated_estimate import state_estimate
 from numexp.world import SCAN
 
 from semlive.data.grid import Grid
@@ -36,7 +38,7 @@ def written(folder: Path, seed: int, scan: Scan, bent_like: int | None) -> Path:
     conditions = Conditions(
         seed, calibration=7, tension=0, missing=0.0, outliers=0.0, scan=scan, bent_like=bent_like, subset_px=GRID.subset_px
     )
-    return imported(folder, conditions, (SETTLES,), GRID)
+    return state_estimate(imported(folder, conditions, (SETTLES,), GRID), QUICK)
 
 
 def test_a_decision_is_one_object(semlive: Callable[..., Printed], runs: tuple[Path, Path]) -> None:
@@ -70,7 +72,7 @@ def turned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     first = Conditions(73, len(moves), 0, missing=0.0, outliers=0.0, moves_px=moves, stage_error_px=0.1, of_column=True)
     other = replace(first, seed=74, scan=replace(SCAN, rotation_rad=0.5 * math.pi), bent_like=73)
     item, two = (
-        imported(base / name, each, (AnisotropicPixel(0.02),), Grid(110, 110, 50, 17, 14, 43))
+        state_estimate(imported(base / name, each, (AnisotropicPixel(0.02),), Grid(110, 110, 50, 17, 14, 43)), QUICK)
         for name, each in (("one", first), ("other", other))
     )  # fmt: skip
     return item, two

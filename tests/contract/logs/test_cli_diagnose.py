@@ -9,9 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from blind.observing import QUICK
 from numexp.asfolder import MODULUS_MPA, write_folder
 from numexp.cases import CASES
 from numexp.experiment import make_experiment
+from numexp.stated_estimate import state_estimate
 
 from semlive.cli.shared.simulated_run import require_pairs
 from semlive.data.grid import Grid
@@ -27,6 +29,7 @@ def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Pri
     write_folder(experiment, tmp_path / "maps")
     log, model = tmp_path / "log.mcap", tmp_path / "model.json"
     assert semlive("import", str(tmp_path / "maps"), "-o", str(log), "--subset-px", "43")[0] == 0
+    state_estimate(log, QUICK)
 
     code, out, _ = semlive("diagnose", str(log), "--json", "-o", str(model), "--html", str(tmp_path / "page.html"))
 
@@ -82,6 +85,7 @@ def test_strain_that_a_gage_does_not_show_is_reported_and_not_corrected(semlive:
     folder = write_folder(make_experiment(CASES["tension"], 3, Grid(101, 101, 20, 38, 30, 43), calibration_pairs=6), tmp_path / "maps")
     log, model, page = tmp_path / "log.mcap", tmp_path / "model.json", tmp_path / "page.html"
     assert semlive("import", str(folder), "-o", str(log), "--subset-px", "43")[0] == 0
+    state_estimate(log, QUICK)
     without = json.loads(semlive("diagnose", str(log), "--json")[1])
     assert (without["outcome"], without["gap"]) == ("NONE", None)
     assert "gage_readings" not in {item["domain"] for item in without["where"]}
@@ -99,6 +103,7 @@ def test_strain_that_a_gage_does_not_show_is_reported_and_not_corrected(semlive:
 
     gaged(folder, 0.9)
     assert semlive("import", str(folder), "-o", str(log), "--subset-px", "43")[0] == 0
+    state_estimate(log, QUICK)
     code, out, _ = semlive("diagnose", str(log), "-o", str(model), "--html", str(page))
     printed = " ".join(out.split())
     assert code == 0

@@ -8,13 +8,15 @@ from pathlib import Path
 
 from blind.cases import GRID, ONE, Case
 from blind.imported import imported
+from blind.observing import QUICK
+from numexp.stated_estimate import state_estimate
 
 Printed = tuple[int, str, str]
 
 
 def test_an_open_verdict_predicts_what_experiments_decide(semlive: Callable[..., Printed], tmp_path: Path) -> None:
     case = Case(ONE, ("wrong_row_time",), 1.43, 1)
-    log = imported(tmp_path / "maps", case.conditions(), case.effects(), GRID)
+    log = state_estimate(imported(tmp_path / "maps", case.conditions(), case.effects(), GRID), QUICK)
 
     code, out, _ = semlive("diagnose", str(log), "--json", "--html", str(tmp_path / "page.html"))
 
