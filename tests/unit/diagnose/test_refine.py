@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from blind.experiment import Conditions
 from blind.hiding import hidden_effect, hidden_values
-from blind.observing import observed
+from blind.observing import QUICK, observed
 
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
@@ -31,7 +31,7 @@ CLOSE = Grid(101, 101, 15, 50, 40, 43)
 
 def hiding(name: str, peak_px: float, seed: int, grid: Grid = GRID, subset_px: int = 0) -> tuple[HyperparameterGrid, dict[str, float]]:
     effects, conditions = hidden_effect(name, peak_px, seed), Conditions(seed, calibration=5, tension=3, subset_px=subset_px)
-    return noise_scaled_baseline(observed(conditions, effects, grid)), hidden_values(name, effects[0])
+    return noise_scaled_baseline(observed(conditions, effects, grid, QUICK)), hidden_values(name, effects[0])
 
 
 def likeliest(baseline: HyperparameterGrid, name: str) -> RefinedEffect:
@@ -71,13 +71,13 @@ def test_a_period_near_the_interval_of_the_frames_is_one_of_the_values_that_are_
     """One frame per 214.7 s: periods near it, its half and its third differ little at the frames, and the drift follows most of them."""
     effect = ThermalOscillation(0.0145, 0.0194, 213.24, 1.52)
     conditions = Conditions(seed, calibration=8, tension=7, noise_px=0.0123)
-    period = likeliest(noise_scaled_baseline(observed(conditions, (effect,), GRID)), "thermal_oscillation").parameters[-1]
+    period = likeliest(noise_scaled_baseline(observed(conditions, (effect,), GRID, QUICK)), "thermal_oscillation").parameters[-1]
     assert period.name == "period_s"
     first, *_ = period.alternatives
     assert parameters_json((period,))["period_s"]["alternatives"][0] == {"value": first[0], "sigma": first[1]}
     assert min(abs(value - 213.24) / sigma for value, sigma in ((period.value, period.sigma), *period.alternatives)) < 3.0
     other = replace(effect, period_s=150.0)
-    period = likeliest(noise_scaled_baseline(observed(conditions, (other,), GRID)), "thermal_oscillation").parameters[-1]
+    period = likeliest(noise_scaled_baseline(observed(conditions, (other,), GRID, QUICK)), "thermal_oscillation").parameters[-1]
     assert abs(period.value - 150.0) < 3.0 * period.sigma
     assert period.alternatives == ()
     assert set(parameters_json((period,))["period_s"]) == {"value", "sigma", "unit"}
