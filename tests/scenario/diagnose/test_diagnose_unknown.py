@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from blind.cases import ONE, TWO, UNLISTED, Case
+from blind.cases import ONE, SHORT_PAIRS, TWO, UNLISTED, Case
 from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import QUICK, observed
@@ -29,11 +29,12 @@ from semlive_simulators.effects.charging import ChargingLocalLens
 
 SPARSE = Grid(101, 101, 60, 13, 10, 43)  # a block is a point
 GRID = Grid(101, 101, 45, 17, 14, 43)  # a block is a point, too; fewer of them are left than the usual grid has blocks
+SHORT = Conditions(505, *SHORT_PAIRS)
 DRAWS = 99
 
 
 def hiding(name: str, times: float = 8.0) -> Observation:
-    return observed(Conditions(505), hidden_effect(name, times * PROTOTYPE_PX[name], 1), GRID, QUICK)
+    return observed(SHORT, hidden_effect(name, times * PROTOTYPE_PX[name], 1), GRID, QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def drifting() -> Observation:
 
 
 def test_a_wrong_point_by_itself_is_nothing_without_a_name() -> None:
-    right, wrong = (observed(replace(Conditions(505), outliers=share), (), SPARSE, QUICK) for share in (0.0, 0.001))
+    right, wrong = (observed(replace(SHORT, outliers=share), (), SPARSE, QUICK) for share in (0.0, 0.001))
     loudest = max(item.log_factor for item in score_candidates(noise_scaled_baseline(wrong), UNNAMED_CLASSES))
 
     assert len(right.valid_blocks) - 8 <= len(wrong.valid_blocks) < len(right.valid_blocks)  # it is left out, and its neighbours are not
@@ -51,7 +52,7 @@ def test_a_wrong_point_by_itself_is_nothing_without_a_name() -> None:
 
 def test_an_effect_that_moves_neighbours_equally_keeps_its_blocks() -> None:
     bump = Case(UNLISTED, ("quadratic_bump",), 0.5, 4003)
-    clean = replace(bump.conditions(), outliers=0.0)
+    clean = replace(bump.conditions(), calibration=SHORT_PAIRS[0], tension=SHORT_PAIRS[1], outliers=0.0)
     plain, bumped = (observed(clean, effects, SPARSE, QUICK) for effects in ((), bump.effects()))
 
     assert len(bumped.valid_blocks) == len(plain.valid_blocks)
@@ -70,11 +71,11 @@ def test_the_law_that_was_hidden_has_no_likelier_course(drifting: Observation) -
 
 
 def test_a_wrong_row_time_next_to_a_drift_that_could_walk_has_no_likelier_course() -> None:
-    assert course_of(Case(ONE, ("wrong_row_time",), 8.0, 60_007).observed(GRID, QUICK), "wrong_row_time") < 3.0
+    assert course_of(Case(ONE, ("wrong_row_time",), 8.0, 60_007).shortened(GRID, QUICK), "wrong_row_time") < 3.0
 
 
 def test_a_swing_with_two_shapes_in_a_frame_has_no_likelier_course() -> None:
-    assert course_of(Case(ONE, ("thermal_oscillation",), 8.0, 80_004).observed(GRID, QUICK), "thermal_oscillation") < 3.0
+    assert course_of(Case(ONE, ("thermal_oscillation",), 8.0, 80_004).shortened(GRID, QUICK), "thermal_oscillation") < 3.0
 
 
 def test_a_charge_that_approaches_its_end_is_one_effect() -> None:
@@ -82,7 +83,7 @@ def test_a_charge_that_approaches_its_end_is_one_effect() -> None:
     (hidden,) = case.effects()
     assert isinstance(hidden, ChargingLocalLens)
     names = ("charging_local_lens", "magnification_drift", "refocus_magnification_step", "magnification_frame_instability")
-    observation = observed(case.conditions(), case.effects(), GRID, QUICK)
+    observation = case.observed(GRID, QUICK)
     found = diagnose(observation, dictionary=[effect_class(name) for name in names], draws=DRAWS)
     (reported,) = found.effects
     peak = next(item for item in reported.parameters if item.name == "peak_px")
@@ -120,7 +121,7 @@ def test_without_its_name_an_effect_is_unknown_and_is_not_simulated(drifting: Ob
 def test_a_bump_that_grows_with_the_square_of_time_is_no_uneven_strain() -> None:
     case = Case(UNLISTED, ("quadratic_bump",), 0.1, 4003)
     few = [effect_class(name) for name in ("inhomogeneous_strain", "magnification_drift", "tilt_with_load")]
-    found = diagnose(observed(case.conditions(), case.effects(), GRID, QUICK), dictionary=few, draws=DRAWS)
+    found = diagnose(case.shortened(GRID, QUICK), dictionary=few, draws=DRAWS)
 
     assert found.outcome is Outcome.UNKNOWN
 
@@ -139,8 +140,7 @@ def test_a_drifting_distortion_is_reported_with_its_undetermined_affine_part() -
 def test_an_effect_that_did_for_two_goes_when_both_are_named() -> None:
     two = ("raster_rotation_drift", "bending_misalignment")
     few = [effect_class(name) for name in (*two, "distortion_scale_drift")]
-    case = Case(TWO, two, 8.0, 3002)
-    found = diagnose(observed(case.conditions(), case.effects(), GRID, QUICK), dictionary=few, draws=DRAWS)
+    found = diagnose(Case(TWO, two, 8.0, 3002).observed(GRID, QUICK), dictionary=few, draws=DRAWS)
 
     assert found.outcome is Outcome.IDENTIFIED
     assert sorted(item.name for item in found.effects) == sorted(two)
