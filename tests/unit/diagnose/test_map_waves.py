@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from blind.experiment import Conditions
 from blind.observing import QUICK, observed
-from scipy.ndimage import gaussian_filter, uniform_filter
+from scipy.ndimage import gaussian_filter1d, uniform_filter
 
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis
@@ -83,8 +83,10 @@ def test_many_pairs_of_smoothed_noise_are_no_wave() -> None:
     rng, rows, columns = np.random.default_rng(5), np.arange(85, 799, 16), np.arange(85, 939, 16)
     series = []
     for _ in range(28):
-        noise = [gaussian_filter(uniform_filter(rng.normal(size=(884, 1024)), 43), 25.0) for _ in "xy"]
-        values = [0.028 * field[np.ix_(rows, columns)] / field.std() for field in noise]
+        # Filtered along x only in the rows of the points, which takes half the time.
+        along_y = [gaussian_filter1d(uniform_filter(rng.normal(size=(884, 1024)), 43), 25.0, axis=0)[rows] for _ in "xy"]
+        noise = [gaussian_filter1d(field, 25.0, axis=1) for field in along_y]
+        values = [0.028 * field[:, columns] / field.std() for field in noise]
         series.append(make_map_series(values, np.ones(values[0].shape, np.bool_), (rows, columns), 72.0, (94.67 / 884, 1e-4)))
     found = diagnose_map_waves(series)
     assert found is not None
