@@ -11,7 +11,6 @@ import hashlib
 import struct
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -80,6 +79,8 @@ def mask_text(text: str) -> str:
 
 def _decoded(data: bytes, name: str) -> Mask:
     """Decode a PNG file, whose size is verified before."""
+    import cv2  # noqa: PLC0415  (few runs have a mask, and the control process needs OpenCV for nothing else)
+
     if len(data) < _PNG_HEAD.size or not data.startswith(_PNG_SIGNATURE):
         raise BadInput(f"{name}: is no PNG file; write the mask as PNG, 0 where the frame must not be used")
     _, _, _, width, height = _PNG_HEAD.unpack_from(data)

@@ -1,8 +1,9 @@
-"""Checks of arrays at the interface of compiled kernels, and the size of one task of a thread."""
+"""Checks of arrays at the interface of compiled kernels, the size of one task of a thread, and copies in kernels."""
 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import DTypeLike, NDArray
 
 ROW_CHUNK = 4  # rows of POI per task of a thread; constant
@@ -29,3 +30,14 @@ def checked(array: object, name: str, dtype: DTypeLike, shape: tuple[int | None,
     if not array.flags.c_contiguous:
         raise ValueError(f"{name} must be C-contiguous")
     return array
+
+
+@njit(nogil=True, cache=True)
+def copy_line(target, source):
+    """Target <- source, both (n,).
+
+    With an assignment to a slice every kernel also contains the code that writes the message about unequal shapes: compiling it took 4 s,
+    and loading the kernels at every start a tenth longer.
+    """
+    for k in range(target.size):
+        target[k] = source[k]

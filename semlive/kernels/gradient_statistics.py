@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from semlive.kernels.arrays import copy_line
 from semlive.kernels.splines.spline import ROWS_PER_BATCH, filter_rows
 
 
@@ -13,7 +14,7 @@ def _take(image, axis, first, step, count, lines):
     """Fill the first `count` of `lines`: rows of an image (axis 1) or columns (axis 0), from `first` on, every `step`-th."""
     if axis == 1:
         for k in range(count):
-            lines[k, :] = image[first + k * step]
+            copy_line(lines[k], image[first + k * step])
     else:
         for x in range(lines.shape[1]):
             for k in range(count):
@@ -52,7 +53,8 @@ def gradient_products(image, step, axis, usable, z, gain):
         _take(image, axis, at + 2, step, some, after)
         if usable.size > 0:
             _take(usable, axis, at + 1, step, some, counted)
-        c[:] = here
+        for k in range(some):
+            copy_line(c[k], here[k])
         filter_rows(c, 0, some, 0, length, z, gain)
         for k in range(some):
             _multiply(before[k], here[k], after[k], c[k], counted[k], with_spline, squared)

@@ -11,16 +11,14 @@ from matplotlib.figure import Figure as Drawing
 from semlive.qualify.further import proposals
 from semlive.qualify.history import FigureHistory, all_dated, comparable, histories
 from semlive.qualify.limits import REFERENCE_SHIFT_PX
-from semlive.qualify.values import Figure, Qualification, SetupFigures
+from semlive.qualify.values import Figure, Qualification
 from semlive.report.document.blocks import Bullets, Document, FigureBlock, KeyFigures, Listing, Paragraph, Section, Table
+from semlive.report.qualification_texts import MICRO, change_text, figure_text, limiting_text, setup_text
 from semlive.report.style import INK, PAGE_INCH, SOFT, X_COLOUR, Y_COLOUR, framed, plain_axes
 
 PANELS_PER_ROW = 3
-MICRO = 1e6
 RECOMMENDED = ("protocol", "dic", "estimate")
 """Sections of a configuration that a qualification recommends."""
-LIMIT_SOURCES = ("drift_rate", "distortion")
-"""Quantities without which the list of limits is incomplete."""
 
 
 def qualification_document(qualification: Qualification, configuration: str) -> Document:
@@ -79,32 +77,6 @@ def _recommended(configuration: str) -> str:
     return yaml.safe_dump(
         {key: sections[key] for key in RECOMMENDED if key in sections}, sort_keys=False, default_flow_style=None, width=120
     )
-
-
-def limiting_text(qualification: Qualification) -> str:
-    """Which effect limits the strain, without and with correction."""
-    remedies = {limit.name: limit.remedy for limit in qualification.limits}
-    if not qualification.limiting:
-        return "The frames do not determine what limits the strain."
-    missing = [item.name for item in qualification.undetermined if item.name in LIMIT_SOURCES]
-    part = f" (without {' and '.join(missing)}, which these frames do not determine)".replace("_", " ") if missing else ""
-    named = [("Without correction", qualification.limiting), ("With the corrections of semlive", qualification.limiting_corrected)]
-    return " ".join(f"{when}, {name.replace('_', ' ')} limits the strain{part}: {remedies[name]}." for when, name in named)
-
-
-def setup_text(setup: SetupFigures) -> str:
-    """Settings of further pairs."""
-    size = f"pixels of {setup.pixel_nm:.4g} nm, " if setup.pixel_nm else ""
-    rows = f"{setup.height_px} rows, " if setup.height_px else ""
-    return f"{setup.pairs} pairs, {rows}{size}scan turned by {setup.rotation_deg:.3g} deg, dwell time {MICRO * setup.dwell_s:.3g} us"
-
-
-def figure_text(figure: Figure) -> tuple[str, str]:
-    """Value and 95 % interval of a figure, as texts with the digits that the interval allows."""
-    half = 0.5 * (figure.high - figure.low)
-    digits = 3 if half <= 0.0 else int(np.clip(np.ceil(np.log10(max(abs(figure.value), 1e-12) / half)) + 2, 2, 6))
-    interval = f"{figure.low:.{digits}g} to {figure.high:.{digits}g}" if half > 0.0 else ""
-    return f"{figure.value:.{digits}g}", interval
 
 
 def _rows(figures: Sequence[Figure]) -> tuple[tuple[str, ...], ...]:
@@ -171,12 +143,6 @@ def history_document(qualifications: Sequence[Qualification]) -> Document:
     shown = history_figure(drawn, dated=all_dated(qualifications))
     block = FigureBlock("history", "Figures over time", "Bars are 95 % intervals; orange figures became worse.", shown)
     return Document(title, "", (Section("Changes", (*blocks, block)),))
-
-
-def change_text(history: FigureHistory) -> str:
-    """One clause about the two newest values of a figure."""
-    before, newest = (figure_text(figure)[0] for figure in history.figures[-2:])
-    return f"{history.figures[-1].title} from {before} to {newest} {history.figures[-1].unit}".rstrip()
 
 
 def history_figure(drawn: Sequence[FigureHistory], *, dated: bool) -> Drawing:

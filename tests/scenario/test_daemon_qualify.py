@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +33,21 @@ FRESH = {"stale_after_s": 5.0, "lost_after_s": 30.0}
 """On a busy computer the simulator answers late."""
 
 
-def semlive(*arguments: object) -> str:
-    """What a command prints; it must succeed."""
+def in_new_process(*arguments: object) -> str:
+    """What a command prints that drives the instrument; it must succeed."""
     done = subprocess.run([sys.executable, "-m", "semlive", *map(str, arguments)], capture_output=True, text=True, timeout=RUN_END_S)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
-def test_one_command_qualifies_an_instrument_and_the_protocol_that_it_recommends_is_executed(tmp_path: Path) -> None:
+def test_one_command_qualifies_an_instrument_and_the_protocol_that_it_recommends_is_executed(
+    tmp_path: Path, semlive: Callable[..., tuple[int, str, str]]
+) -> None:
+    def evaluated(*arguments: object) -> Any:
+        code, out, err = semlive("qualify", *arguments, "--quick", "--json")
+        assert code == 0, out + err
+        return json.loads(out)
+
     scenario, lab, protocol, further = (tmp_path / name for name in ("small.yaml", "lab.yaml", "calibrate.yaml", "next.yaml"))
     scenario.write_text(SCENARIO, encoding="utf-8")
     first, log = (tmp_path / "log" / name for name in ("demo-qualify", "demo-calibrate"))
@@ -50,10 +58,10 @@ def test_one_command_qualifies_an_instrument_and_the_protocol_that_it_recommends
         config["limits"].update(FRESH)
         config["dic"] = {"subset_px": 25, "step_px": 8, "roi_px": None}
         lab.write_text(yaml.safe_dump(json.loads(json.dumps(config))), encoding="utf-8")
-        found: dict[str, Any] = json.loads(semlive("qualify", lab, "--run", "--quick", "--json"))
+        found: dict[str, Any] = json.loads(in_new_process("qualify", lab, "--run", "--quick", "--json"))
         export = tmp_path / "bench" / "export"
-        recommended = json.loads(semlive("qualify", "--from", export, "--quick", "--json", "--config", lab, "--protocol", protocol))
-        semlive("run", protocol, "--no-page", "--stop-on-fault")
+        recommended = evaluated("--from", export, "--config", lab, "--protocol", protocol)
+        in_new_process("run", protocol, "--no-page", "--stop-on-fault")
     pairs = logged(first, "/pair")
     warm_up = [pair for pair in pairs if pair["step"]["warm_up"]]
     assert len(pairs) == found["conditions"]["pairs"] == recommended["conditions"]["pairs"]
@@ -67,7 +75,7 @@ def test_one_command_qualifies_an_instrument_and_the_protocol_that_it_recommends
     shifts = recommended["protocol"]["shifts_px"]
     taken = [pair["step"]["shift_px"] for pair in logged(log, "/pair")]
     assert taken == shifts == [[0.0, 0.0], [4.0, 0.0], [0.0, 4.0]]
-    qualified: dict[str, Any] = json.loads(semlive("qualify", "--from", log, "--quick", "--json", "--protocol", further))
+    qualified: dict[str, Any] = evaluated("--from", log, "--protocol", further)
     figures = {item["name"]: item for item in qualified["figures"]}
     assert (qualified["conditions"]["pairs"], qualified["conditions"]["dated"]) == (len(taken), True)
     assert qualified["conditions"]["frame_s"] == pytest.approx(FRAME_S, rel=0.01)

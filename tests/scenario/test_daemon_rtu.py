@@ -67,7 +67,7 @@ def test_a_run_from_begin_to_end_with_two_units_on_one_line(tmp_path: Path, webh
         (tmp_path / "alerts.txt").write_text(f"json://127.0.0.1:{webhook.server_address[1]}\n", encoding="utf-8")
         config["alerts"] = {"file": "alerts.txt"}
         (tmp_path / "run.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
-        command = [sys.executable, "-m", "semlive", "run", str(tmp_path / "run.yaml"), "--stop-on-fault"]
+        command = [sys.executable, "-m", "semlive", "run", str(tmp_path / "run.yaml"), "--no-page", "--stop-on-fault"]
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=RUN_END_S, check=False)
     assert done.returncode == 0, done.stderr
     assert webhook.titles == ["demo: complete"]

@@ -17,7 +17,8 @@ from semlive.cli.after_run.confirmation import prove as prove_diagnosis
 from semlive.cli.after_run.forecast_table import forecast_table
 from semlive.cli.shared.output_path import emptied_if_refused, output_file, regular_output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
-from semlive.cli.shared.report_files import figures_option, pdf_option, write_report_files
+from semlive.cli.shared.report_files import write_report_files
+from semlive.cli.shared.report_options import figures_option, pdf_option
 from semlive.data.diagnosis.effects import IdentifiedEffect, Outcome
 from semlive.data.diagnosis.verdict import SETTLING_LAWS, UNDERRESOLVED, Diagnosis, settling_text
 from semlive.report.diagnosis_report import diagnosis_report

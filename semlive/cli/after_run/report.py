@@ -10,7 +10,8 @@ import typer
 
 from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress, progress_bar
-from semlive.cli.shared.report_files import figures_option, pdf_option, write_report_files
+from semlive.cli.shared.report_files import write_report_files
+from semlive.cli.shared.report_options import figures_option, pdf_option
 from semlive.errors import BadInput
 from semlive.report.document.html_writer import html_page
 from semlive.report.run_data import run_data

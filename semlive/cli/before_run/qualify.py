@@ -15,23 +15,14 @@ from rich.table import Table
 from semlive.cli.before_run.qualifying_run import further_log, take_pairs
 from semlive.cli.shared.output_path import output_file, write_text
 from semlive.cli.shared.progress_bar import multi_stage_progress
-from semlive.cli.shared.report_files import pdf_option, write_report_files
+from semlive.cli.shared.report_options import pdf_option
 from semlive.cli.shared.terminal import echo
 from semlive.data.settings import ScanProfile
 from semlive.errors import BadInput
 from semlive.qualify.further import StepName, proposals
 from semlive.qualify.history import all_dated, comparable, histories
 from semlive.qualify.values import Figure, Qualification
-from semlive.report.document.blocks import Document
-from semlive.report.document.html_writer import html_page
-from semlive.report.qualification_report import (
-    change_text,
-    figure_text,
-    history_document,
-    limiting_text,
-    qualification_document,
-    setup_text,
-)
+from semlive.report.qualification_texts import change_text, figure_text, limiting_text, setup_text
 from semlive.service.config.configuration import load_config
 from semlive.service.qualification.files import read_qualification, to_json
 from semlive.service.qualification.log_pairs import is_log
@@ -115,17 +106,14 @@ def qualify(
     for path, text in ((out, to_json(found)), (protocol, configuration)):
         if path is not None:
             write_text(path, text)
-    _write_report(qualification_document(found, configuration), report, pdf)
+    if report is not None or pdf is not None:
+        from semlive.cli.before_run.qualification_files import write_report  # noqa: PLC0415  (Matplotlib: 0.5 s, and few ask for a report)
+
+        write_report(found, configuration, report, pdf)
     if as_json:
         return typer.echo(to_json(found))
     _print(found)
     return _print_further(found, _instrument(source, config), source)
-
-
-def _write_report(document: Document, report: Path | None, pdf: Path | None) -> None:
-    if report is not None:
-        write_text(report, html_page(document))
-    write_report_files(document, pdf, None)
 
 
 def _evaluated(source: list[Path], config: Path | None, *, quick: bool, follow: bool) -> tuple[Qualification, str]:
@@ -246,7 +234,10 @@ def _qualifications(paths: list[Path]) -> list[Qualification]:
 
 def _show_history(found: list[Qualification], report: Path | None, pdf: Path | None, as_json: bool) -> None:
     series = histories(found)
-    _write_report(history_document(found), report, pdf)
+    if report is not None or pdf is not None:
+        from semlive.cli.before_run.qualification_files import write_history  # noqa: PLC0415  (as in `qualify`)
+
+        write_history(found, report, pdf)
     if as_json:
         figures = [
             {"name": item.name, "time_ns": item.time_ns, "value": [figure.value for figure in item.figures], "worse": item.worse}

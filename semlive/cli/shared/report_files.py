@@ -5,32 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from semlive.cli.shared.output_path import output_file, output_folder, write_bytes
+from semlive.cli.shared.output_path import write_bytes
 from semlive.cli.shared.progress_bar import progress_bar
 from semlive.report.document.blocks import Document
 from semlive.report.document.figure_files import write_figures
-from semlive.report.document.pdf_writer import pdf_bytes, require_pdf_libraries
-
-
-def pdf_option(path: Path | None) -> Path | None:
-    """Check the file of `--pdf`, and that the libraries for it are installed, before the work begins.
-
-    Raises:
-        BadInput: the file cannot be written, or the libraries are not installed.
-    """
-    if path is not None:
-        require_pdf_libraries("--pdf")
-        output_file(path, "--pdf")
-    return path
-
-
-def figures_option(folder: Path | None) -> Path | None:
-    """Check the folder of `--figures` before the work begins.
-
-    Raises:
-        BadInput: no file can be made in it.
-    """
-    return None if folder is None else output_folder(folder, "--figures")
+from semlive.report.document.pdf_writer import pdf_bytes
 
 
 def write_report_files(document: Document, pdf: Path | None, figures: Path | None) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 import zlib
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,6 +57,8 @@ def read_pixels(data: bytes, name: str) -> NDArray[np.generic]:
     Raises:
         BadImage: the file is incomplete, or its pixels cannot be decoded.
     """
+    import cv2  # noqa: PLC0415  (the control process reads headers and decodes no image)
+
     width, height = size_px(data, name)
     missing = check_complete(data)
     if missing is not None:

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy import uint64
 
+from semlive.kernels.arrays import copy_line
 from semlive.kernels.interpolate import SCALE, cubic_at, quintic_at
 from semlive.kernels.subset_matching.fourth_order_matrix import (
     DEGREE,
@@ -145,7 +146,7 @@ def _project(planes, pitch, x, y, half, powers, mean, g, g_mean, ratio, b):
 @njit(nogil=True, cache=True, error_model="numpy")
 def _compose_inverse(p, d, half, old):
     """W(p) <- W(p) o W(d)^-1 to first order in d, terms above the degree dropped; exact where the iteration ends, at d = 0."""
-    old[:] = p
+    copy_line(old, p)
     for k in range(QUARTIC):
         p[k] -= d[k]
     for axis in range(2):

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy import uint64
 
+from semlive.kernels.arrays import copy_line
 from semlive.kernels.interpolate import EIGHT, FOUR, LANES, SCALE, THREE, TWO, cubic_piece, quintic_piece
 from semlive.kernels.subset_matching.warp import AFFINE, QUADRATIC, compose_inverse, move, reach, solve
 
@@ -312,7 +313,7 @@ def correlate_row(
         if todo[i] == SEED_FROM_NEIGHBOUR and left_converged:
             move(left, q, float(step))
         else:
-            q[:AFFINE] = seed[i]
+            copy_line(q[:AFFINE], seed[i])
             q[AFFINE:] = 0.0
         start_u = q[0]
         start_v = q[3]
@@ -351,9 +352,9 @@ def correlate_row(
                 result = CONVERGED if score >= min_zncc else LOW_ZNCC
                 break
         left_converged = result == CONVERGED
-        left[:] = q
-        p[i] = q[:AFFINE]
-        curvature[i] = q[AFFINE:]
+        copy_line(left, q)
+        copy_line(p[i], q[:AFFINE])
+        copy_line(curvature[i], q[AFFINE:])
         zncc[i] = score
         status[i] = result
         iterations[i] = spent

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy import uint64
 
+from semlive.kernels.arrays import copy_line
 from semlive.kernels.interpolate import EIGHT
 from semlive.kernels.subset_matching.warp import AFFINE
 
@@ -78,7 +79,7 @@ def fill_planes(image, weights, planes, first, last, gain_x, gain_y):
     for y in range(first, last):
         here = image[y]
         grey, out_x, out_y = planes[y, 0], planes[y, 1], planes[y, 2]
-        grey[:width] = here
+        copy_line(grey[:width], here)
         grey[width:] = zero
         out_x[width - 1 :] = zero
         out_y[width - 1 :] = zero

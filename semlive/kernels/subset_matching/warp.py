@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from semlive.kernels.arrays import copy_line
+
 AFFINE, QUADRATIC = 6, 12
 
 
@@ -131,4 +133,4 @@ def move(p, q, dx):
         q[at] = p[at] + dx * (p[at + 1] + 0.5 * dx * p[at + 6])
         q[at + 1] = p[at + 1] + dx * p[at + 6]
         q[at + 2] = p[at + 2] + dx * p[at + 7]
-    q[6:] = p[6:]
+    copy_line(q[6:], p[6:])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import fdtrc
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.frame import FrameInfo
@@ -190,7 +190,8 @@ def fit_decay(rates: DriftRates) -> Decay | None:
     constant = _fit(np.ones((count, 1)), rates.rate_px_s)[1]
     freedom = 2 * count - 5
     least = float(coarse.misfit.min())
-    if stats.f.sf((constant - least) / 3.0 / max(least / freedom, floor**2), 3, freedom) > SIGNIFICANCE_LEVEL:
+    ratio = max(constant - least, 0.0) / 3.0 / max(least / freedom, floor**2)
+    if fdtrc(3, freedom, ratio) > SIGNIFICANCE_LEVEL:
         return None
     # The posterior of precise rates is narrower than a step of the first grid.
     likely = np.flatnonzero(coarse.weight > NEGLIGIBLE * coarse.weight.max())

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import gammaincinv, ndtri, stdtrit
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float, float]
 """Value, lower and upper end."""
 LEVEL = 0.95
 TAILS = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
-NORMAL_95 = float(stats.norm.ppf(TAILS[1]))
+NORMAL_95 = float(ndtri(TAILS[1]))
 MIN_GROUPS = 5
 """Fewer independent values do not determine their own scatter."""
+
+
+def student_quantile(probability: float, freedom: float) -> float:
+    """Quantile of Student's t without scipy.stats, whose import takes a second."""
+    return float(stdtrit(freedom, probability))
+
+
+def chi_square_quantile(probability: float, freedom: float) -> float:
+    """Quantile of chi-square without scipy.stats, whose import takes a second."""
+    return float(2.0 * gammaincinv(0.5 * freedom, probability))
 
 
 def scatter_interval(variances: Array, independent: float) -> Interval:
@@ -36,10 +46,10 @@ def scatter_interval(variances: Array, independent: float) -> Interval:
     value = float(np.sqrt(mean))
     if count >= MIN_GROUPS:
         # In the logarithm, so that the lower end is positive whatever the scatter.
-        half = float(stats.t.ppf(TAILS[1], count - 1) * np.std(variances, ddof=1) / np.sqrt(count)) / (2.0 * mean)
+        half = float(student_quantile(TAILS[1], count - 1) * np.std(variances, ddof=1) / np.sqrt(count)) / (2.0 * mean)
         return value, value * float(np.exp(-half)), value * float(np.exp(half))
     freedom = max(count * independent, 1.0)
-    low, high = (value * float(np.sqrt(freedom / stats.chi2.ppf(tail, freedom))) for tail in reversed(TAILS))
+    low, high = (value * float(np.sqrt(freedom / chi_square_quantile(tail, freedom))) for tail in reversed(TAILS))
     return value, low, high
 
 
@@ -72,7 +82,7 @@ def excess_interval(variance: float, noise_variance: float, freedom: int) -> Int
         noise_variance: variance of the noise.
         freedom: degrees of freedom of the observed variance.
     """
-    low, high = (variance * freedom / float(stats.chi2.ppf(tail, freedom)) for tail in reversed(TAILS))
+    low, high = (variance * freedom / chi_square_quantile(tail, freedom) for tail in reversed(TAILS))
     return max(variance - noise_variance, 0.0) ** 0.5, max(low - noise_variance, 0.0) ** 0.5, high**0.5
 
 
@@ -86,7 +96,7 @@ def mean_interval(value: float, parts: Array) -> Interval:
     count = len(parts)
     if count < MIN_GROUPS:
         return value, value, value
-    half = float(stats.t.ppf(TAILS[1], count - 1) * np.std(parts, ddof=1) / np.sqrt(count))
+    half = float(student_quantile(TAILS[1], count - 1) * np.std(parts, ddof=1) / np.sqrt(count))
     return value, max(value - half, 0.0), value + half
 
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy import stats
 
 from semlive import mechanics
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
 from semlive.data.strain import Displacement
-from semlive.qualify.figures.intervals import scatter_interval
+from semlive.qualify.figures.intervals import chi_square_quantile, scatter_interval
 
 Array = NDArray[np.float64]
 SUBSETS_PX = (21, 31, 43, 61, 87)
@@ -94,7 +93,7 @@ class RowOrders:
         used[:ROW_ORDERS] = False
         level = power[..., used].sum(axis=-1) / self.response[used].sum()
         # The median of powers with k degrees of freedom is smaller than their mean.
-        median = np.median(power[..., used].mean(axis=0) / self.response[used], axis=-1) * len(rows) / stats.chi2.median(len(rows))
+        median = np.median(power[..., used].mean(axis=0) / self.response[used], axis=-1) * len(rows) / chi_square_quantile(0.5, len(rows))
         share = np.divide(median, level.mean(axis=0), out=np.zeros_like(median), where=median > 0.0)
         return (level * share)[..., None] * self.response[:ROW_ORDERS]
 

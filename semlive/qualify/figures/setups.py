@@ -7,11 +7,10 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from semlive.data.drift import PairMotion
 from semlive.data.frame import FrameInfo
-from semlive.qualify.figures.intervals import TAILS, about, quantiles
+from semlive.qualify.figures.intervals import TAILS, about, quantiles, student_quantile
 from semlive.qualify.values import SAME_SIZE, SAME_TURN_DEG, Figure, Qualification, ScanSetup, SetupFigures, Trend, Undetermined
 
 Array = NDArray[np.float64]
@@ -125,7 +124,7 @@ def row_time_figures(main: SetupMeasurement, other: SetupMeasurement) -> tuple[F
         return ()
     variance = (len(first) * first.var() + len(second) * second.var()) / freedom
     sigma_s = float(np.sqrt(variance * (1.0 / len(first) + 1.0 / len(second))))
-    half = float(stats.t.ppf(TAILS[1], freedom)) * sigma_s / abs(stated_s)
+    half = student_quantile(TAILS[1], freedom) * sigma_s / abs(stated_s)
     title = "row time relative to the stated one"
     note = "from frames with another number of rows, after which the pause is the same"
     return (Figure(ROW_TIME, title, *about(float(first.mean() - second.mean()) / stated_s, half), "", Trend.NONE, note),)

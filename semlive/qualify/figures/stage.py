@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from semlive.data.drift import PairMotion, RasterDrift
 from semlive.errors import IllPosed
 from semlive.estimate.joint.outputs.stage_path import StagePath, stage_path
-from semlive.qualify.figures.intervals import NORMAL_95, TAILS, about, excess_interval
+from semlive.qualify.figures.intervals import NORMAL_95, TAILS, about, chi_square_quantile, excess_interval, student_quantile
 from semlive.qualify.figures.waves import AT_REST, RowMotion
 from semlive.qualify.values import Figure, Result, Trend, Undetermined
 
@@ -62,9 +61,9 @@ def stage_results(
 
 def _path_figures(path: StagePath, axes: tuple[_Axis, _Axis], commands: Array, variance_px2: float) -> list[Figure]:
     freedom = max(2 * len(commands) - 6, 1)
-    factor = float(stats.t.ppf(TAILS[1], freedom))
+    factor = student_quantile(TAILS[1], freedom)
     squared = path.residual_px**2 * 2 * len(commands)
-    low, high = (float(np.sqrt(squared / stats.chi2.ppf(tail, freedom))) for tail in reversed(TAILS))
+    low, high = (float(np.sqrt(squared / chi_square_quantile(tail, freedom))) for tail in reversed(TAILS))
     # The drift between pairs is part of the residual: with jitter of the rows of 0.35 px, 0.57 px were stated in place of 0.26 px.
     low = max(low**2 - variance_px2, 0.0) ** 0.5
     half = factor * path.angle_sigma_deg
@@ -167,7 +166,7 @@ def _axes(commands: Array, shifts: Array) -> tuple[_Axis, _Axis]:
         solved.append((values, np.sqrt(np.diag(inverse))))
     if freedom < 1.0:
         return _Axis(), _Axis()
-    factor = float(stats.t.ppf(TAILS[1], freedom)) * np.sqrt(squares / freedom)
+    factor = student_quantile(TAILS[1], freedom) * np.sqrt(squares / freedom)
     first, second = (
         _Axis(float(values[0]), factor * float(unit[0]), float(values[1]), factor * float(unit[1]), design.reversal_px, separated=True)
         for design, (values, unit) in zip(designs, solved, strict=True)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import util
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import matplotlib
 
-from semlive.errors import BadInput
 from semlive.report.document.blocks import Block, Bullets, Document, FigureBlock, KeyFigures, Listing, Paragraph, Table, figure_caption
+from semlive.report.document.pdf_libraries import require_pdf_libraries
 from semlive.report.style import figure_bytes, publication_style
 
 if TYPE_CHECKING:
@@ -23,7 +22,6 @@ MAX_ROWS = 60
 MAX_LISTING_LINES = 200
 _MARGIN_MM, _MM_PER_INCH, _POINTS_PER_MM = 20.0, 25.4, 72.0 / 25.4
 _FONT = "DejaVu"
-_PACKAGES = ("fpdf", "pypdf")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,19 +34,6 @@ class _Place:
     width_mm: float
     height_mm: float
     content: bytes
-
-
-def require_pdf_libraries(option: str) -> None:
-    """Check that the libraries for PDF are installed.
-
-    Args:
-        option: option that needs them, for the message.
-
-    Raises:
-        BadInput: they are not installed.
-    """
-    if any(util.find_spec(name) is None for name in _PACKAGES):
-        raise BadInput(f"{option}: fpdf2 and pypdf are not installed; pip install semlive[pdf].")
 
 
 def pdf_bytes(document: Document, progress: Callable[[int, int], object] = lambda *_: None) -> bytes:

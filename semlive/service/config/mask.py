@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,6 +61,8 @@ def usable_points(mask: Mask, settings: DicSettings) -> NDArray[np.bool_]:
     Raises:
         BadInput: no point of the region of interest fits into a frame of the size of the mask.
     """
+    import cv2  # noqa: PLC0415  (few runs have a mask, and the control process needs OpenCV for nothing else)
+
     height, width = mask.shape
     grid = grid_for(settings, width, height)
     half = settings.subset_px // 2

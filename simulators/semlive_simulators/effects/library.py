@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -133,7 +134,12 @@ LIBRARY: dict[str, type[Effect]] = {kind.name: kind for kind in _ALL}
 MATERIAL: dict[str, type[Effect]] = {kind.name: kind for kind in (PlasticHardening, GrainStrain, GrainContrast, Hole, Notch)}
 """Properties of a specimen that is not a plain elastic sheet: no errors, but quantities to measure. They act before the effects."""
 _REGISTERED = MATERIAL | LIBRARY
-_ADAPTERS: dict[str, TypeAdapter[Effect]] = {name: TypeAdapter(kind) for name, kind in _REGISTERED.items()}
+
+
+@functools.cache
+def _adapter(name: str) -> TypeAdapter[Effect]:
+    """Made when an effect is used: a scenario has a few of them, and all take 60 ms at every start of a simulator."""
+    return TypeAdapter(_REGISTERED[name])
 
 
 def build_effects(chosen: object) -> EffectSet:
@@ -165,7 +171,7 @@ def _built(name: str, parameters: Any) -> Effect:
         raise ValueError(f"{name}: parameters must be a mapping, x200 or x10000")
     fields = dict(parameters)
     magnification = fields.pop("defaults", None)
-    adapter = _ADAPTERS[name]
+    adapter = _adapter(name)
     try:
         if magnification is not None:
             fields = adapter.dump_python(_REGISTERED[name].defaults(magnification)) | fields
@@ -180,4 +186,4 @@ def _built(name: str, parameters: Any) -> Effect:
 
 def as_mapping(effects: EffectSet) -> dict[str, dict[str, object]]:
     """The effects as an argument of `build_effects`, in plain values."""
-    return {member.name: _ADAPTERS[member.name].dump_python(member, mode="json") for member in effects.members}
+    return {member.name: _adapter(member.name).dump_python(member, mode="json") for member in effects.members}

@@ -17,7 +17,8 @@ from semlive.qualify.needs import needs, remaining_pairs
 from semlive.qualify.pairing import FrameStep, pair_frames
 from semlive.qualify.values import FORMAT_VERSION, Conditions, Figure, GaugeResolution, Protocol, Qualification, Trend, Undetermined
 from semlive.report.document.html_writer import html_page
-from semlive.report.qualification_report import figure_text, history_document, qualification_document
+from semlive.report.qualification_report import history_document, qualification_document
+from semlive.report.qualification_texts import figure_text
 from semlive.service.config.configuration import load_config
 from semlive.service.config.plausibility import refuse_unusual
 from semlive.service.qualification.files import read_qualification, to_json

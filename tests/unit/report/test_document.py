@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from pypdf import PdfReader
 
 from semlive.errors import BadInput
-from semlive.report.document import pdf_writer
+from semlive.report.document import pdf_libraries
 from semlive.report.document.blocks import Bullets, Document, FigureBlock, KeyFigures, Listing, Paragraph, Section, Table
 from semlive.report.document.figure_files import write_figures
 from semlive.report.document.html_writer import html_page
@@ -87,9 +87,9 @@ def test_a_pdf_has_text_outline_and_figures_and_bounded_tables(document: Documen
 
 
 def test_missing_libraries_for_pdf_are_named_before_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pdf_writer, "_PACKAGES", ("fpdf", "no_such_package"))
+    monkeypatch.setattr(pdf_libraries, "_PACKAGES", ("fpdf", "no_such_package"))
     with pytest.raises(BadInput, match=r"--pdf: fpdf2 and pypdf are not installed; pip install semlive\[pdf\]"):
-        pdf_writer.require_pdf_libraries("--pdf")
+        pdf_libraries.require_pdf_libraries("--pdf")
 
 
 def test_figures_are_files_with_captions_that_stand_alone(document: Document, tmp_path: Path) -> None:
