@@ -111,6 +111,8 @@ class EstimateSettings:
         sutton_phases_apart: whether ``sutton2007`` estimates the drift of calibration and measurement separately (footnote 5).
         accept_poor_calibration: load the specimen and correct the maps under load although the translations have one direction only or
             are too small.
+        max_blocks: largest number of blocks of points that the joint method takes the mean of, about; 0: blocks as large as a subset.
+            `semlive diagnose` uses at most 300.
     """
 
     drift_knots_per_frame: float = 3.0
@@ -121,8 +123,11 @@ class EstimateSettings:
     sutton_phases_apart: bool = True
     strain: StrainSettings = StrainSettings()
     accept_poor_calibration: bool = False
+    max_blocks: int = 0
 
     def __post_init__(self) -> None:
+        if self.max_blocks < 0:
+            raise ValueError(f"max_blocks must be at least 0, not {self.max_blocks}")
         if self.method not in ("joint", "sutton2007"):
             raise ValueError(f"method must be joint or sutton2007, not {self.method}")
         if not self.sutton_smoothing_px >= 0:

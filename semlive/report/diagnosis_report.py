@@ -270,7 +270,7 @@ def _limits(diagnosis: Diagnosis) -> Section:
     if used < total:
         found.append(f"{used} of {total} pairs were used, spread over the run, with a drift as much coarser.")
     if diagnosis.truncated:
-        found.append("The search ended at the limit of its work: the effects are those found until then, and a residual remains.")
+        found.append("The search ended at the limit of its work: the effects are those found until then, and others may be missing.")
     found += [f"{text[0].upper()}{text[1:]}.".replace("`", "") for text in map(settling_text, SETTLING_LAWS)]
     missing = [text for text in (diagnosis.images.no_rows, diagnosis.images.no_grey) if text]
     return Section("Limits", (Bullets((*found, *missing)),))

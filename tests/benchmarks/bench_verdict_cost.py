@@ -1,4 +1,4 @@
-"""Time and peak memory of a verdict over the length of a run: 15, 40 and 500 pairs, and 15 pairs with dense points.
+"""Time and peak memory of a verdict: 15, 40 and 500 pairs, 15 pairs with dense points, and 15 pairs with three effects.
 
     python tests/benchmarks/bench_verdict_cost.py [--cases "15 pairs" ...] [--folder cost] [--write]
     python tests/benchmarks/bench_verdict_cost.py --score [--write]
@@ -23,6 +23,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from foreign.effects import Hidden, Spot, changing_raster, charged_spots, together
 from foreign.noise import SHAPES
 from foreign.world import Raster, Series, write
 
@@ -33,21 +34,24 @@ MAX_SECONDS, MAX_GB = 60.0, 2.0
 
 @dataclass(frozen=True, slots=True)
 class CostCase:
-    """A run of so many pairs, on points so many px apart."""
+    """A run of so many pairs, on points so many px apart, with or without three effects."""
 
     calibration: int
     tension: int
     step_px: int
     raster: tuple[int, int] = (1024, 884)
+    effects: bool = False
 
 
 CASES = {
     "15 pairs": CostCase(8, 7, 16),
     "15 pairs, dense points": CostCase(8, 7, 5),
+    "15 pairs, three effects": CostCase(8, 7, 16, effects=True),
     "40 pairs": CostCase(20, 20, 16),
     "500 pairs": CostCase(250, 250, 16, (480, 414)),
     "smoke": CostCase(3, 2, 48, (640, 552)),
 }
+SPOTS = (Spot(300.0, 250.0, 60.0, 0.15, 0.2), Spot(750.0, 600.0, 120.0, 0.15, 0.5))
 
 
 def measured(case: CostCase) -> dict[str, Any]:
@@ -55,12 +59,19 @@ def measured(case: CostCase) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         folder, log = Path(name) / "maps", Path(name) / "maps.mcap"
         raster = Raster(width=case.raster[0], height=case.raster[1], step_px=case.step_px, margin_px=case.raster[0] // 12)
-        write(Series(1, case.calibration, case.tension, raster=raster), SHAPES["gaussian"], folder)
+        series = Series(1, case.calibration, case.tension, raster=raster)
+        write(series, SHAPES["gaussian"], folder, three_effects(series.end_s) if case.effects else None)
         imported = _command("import", str(folder), "-o", str(log))
         verdict = _command("diagnose", str(log), "--json")
     outcome = json.loads(verdict.pop("output"))
     imported.pop("output")
-    return {"import": imported, "verdict": verdict, "outcome": outcome["outcome"], "pairs": outcome["pairs"]}
+    names = [effect["name"] for effect in outcome["effects"]]
+    return {"import": imported, "verdict": verdict, "outcome": ", ".join([outcome["outcome"], *names]), "pairs": outcome["pairs"]}
+
+
+def three_effects(end_s: float) -> Hidden:
+    """A magnification that changes, a raster that rotates, and charged spots of two widths."""
+    return together(changing_raster(3e-4, 2e-4, end_s), charged_spots(SPOTS, end_s))
 
 
 def _command(*arguments: str) -> dict[str, Any]:

@@ -121,7 +121,7 @@ def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     for name in diagnosis.coarse:
         console.print(f"{name}: {UNDERRESOLVED[name]}")
     if diagnosis.truncated:
-        console.print("the search ended at the limit of its work: the effects above are those found so far, and a residual remains")
+        console.print("the search ended at the limit of its work: the effects above are those found so far, and others may be missing")
     used, total = diagnosis.run.pairs
     if used < total:
         console.print(f"{used} of {total} pairs were used, spread over the run, with a drift as much coarser")

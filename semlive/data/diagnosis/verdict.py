@@ -239,7 +239,7 @@ class Diagnosis:
             ``baseline_distortion_underresolved``; their residual was added to the baseline before the search.
         images: verdicts of the image channels.
         run: extent of the diagnosed run.
-        truncated: whether the search for effects ended at the limit of its work, with a significant residual.
+        truncated: whether the search for effects ended at the limit of its work, so that effects may be missing.
         adequacy: test of the residual of the maps with all effects; None if it was not possible.
         closest: for UNKNOWN, names of the most likely single effects, and the share of the gap that each closes alone; none is found.
         outside: test of the maps for anything outside the catalogue; None if the maps were tested again with a wave.

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
-from semlive.diagnose.baseline.projection import ProjectedBatch, Projections, WhitenedColumns, project_batches
+from semlive.diagnose.baseline.projection import (
+    ProjectedBatch,
+    Projections,
+    WhitenedColumns,
+    effects_adjoint,
+    project_batches,
+    rebuilt_batches,
+)
+from semlive.diagnose.baseline.whitening import Whitener
 from semlive.diagnose.baseline.wide_fields import WideField
 from semlive.diagnose.parallel import parallel_map
 from semlive.model.effects import EffectClass
@@ -125,30 +133,28 @@ def project_candidates(
 ) -> Projections:
     """Whiten the basis fields of each effect class, for repeated use with the same baseline and further effects.
 
-    Returns an empty mapping if the projections need more than half a gigabyte.
+    The result contains products alone, without the whitened fields, if these need more than half a gigabyte.
 
     Args:
         baseline: the baseline.
         families: effect classes to project.
         so_far: stored projections.
     """
-    sizes = [batch.nbytes for batches in so_far.values() for batch in batches]
+    stored = [batch for batches in so_far.values() for batch in batches]
+    sizes = [batch.nbytes if batch.columns.whitened else MAX_BYTES + 1 for batch in stored]
 
     def project_class(family: EffectClass) -> tuple[ProjectedBatch, ...]:
         batches = list[ProjectedBatch]()
-        if sum(sizes) > MAX_BYTES:
-            return ()
         for batch in project_batches(baseline, family):
-            batches.append(batch)
             sizes.append(batch.nbytes)  # of the classes in all threads
-            if sum(sizes) > MAX_BYTES:
-                return ()
+            batches.append(batch if sum(sizes) <= MAX_BYTES else batch.without_rows())
         return tuple(batches)
 
     projections = parallel_map(project_class, families)
+    found = {**so_far, **{family.name: batches for family, batches in zip(families, projections, strict=True) if batches}}
     if sum(sizes) > MAX_BYTES:
-        return {}
-    return {**so_far, **{family.name: batches for family, batches in zip(families, projections, strict=True) if batches}}
+        return {name: tuple(batch.without_rows() for batch in batches) for name, batches in found.items()}
+    return found
 
 
 def score_candidates(
@@ -161,7 +167,10 @@ def score_candidates(
         families: effect classes to score.
         projections: result of `project_candidates` for the same baseline without the latest effects; None: not stored.
     """
-    evidence = parallel_map(lambda family: _evidence(baseline, family, _batches(baseline, family, projections)), families)
+    adjoint = effects_adjoint(baseline, projections or {})
+    if adjoint is not None and not any(columns.size for columns in adjoint):
+        adjoint = None  # without further effects the stored products are sufficient
+    evidence = parallel_map(lambda family: _evidence(baseline, family, _batches(baseline, family, projections, adjoint)), families)
     return tuple(effect for effect in evidence if effect is not None)
 
 
@@ -172,13 +181,23 @@ def with_draws(
     projections: Projections | None = None,
 ) -> tuple[CandidateEvidence, ...]:
     """Add Bayes factors of bootstrap draws of the null hypothesis to scored classes; `projections` as for `score_candidates`."""
-    return tuple(
-        parallel_map(lambda candidate: replace(candidate, null=_null_log_factors(baseline, candidate, draws, projections)), candidates)
-    )
+    adjoint = effects_adjoint(baseline, projections or {})
+    if adjoint is not None:
+        draws = draws.with_adjoint(baseline.design.whiten)
+
+    def null(candidate: CandidateEvidence) -> Array:
+        return _null_log_factors(baseline, candidate, draws, _batches(baseline, candidate.family, projections, adjoint))
+
+    return tuple(parallel_map(lambda candidate: replace(candidate, null=null(candidate)), candidates))
 
 
-def _batches(baseline: HyperparameterGrid, family: EffectClass, projections: Projections | None) -> Iterable[ProjectedBatch]:
-    return (projections or {}).get(family.name) or project_batches(baseline, family)
+def _batches(
+    baseline: HyperparameterGrid, family: EffectClass, projections: Projections | None, adjoint: tuple[Array, Array] | None
+) -> Iterable[ProjectedBatch]:
+    stored = (projections or {}).get(family.name)
+    if not stored:
+        return project_batches(baseline, family)
+    return stored if adjoint is None else rebuilt_batches(baseline.design.observation.geometry, family, stored, adjoint)
 
 
 def _evidence(baseline: HyperparameterGrid, family: EffectClass, batches: Iterable[ProjectedBatch]) -> CandidateEvidence | None:
@@ -226,7 +245,7 @@ def _scored_fields(
 
 
 def _null_log_factors(
-    baseline: HyperparameterGrid, candidate: CandidateEvidence, draws: NullDraws, projections: Projections | None
+    baseline: HyperparameterGrid, candidate: CandidateEvidence, draws: NullDraws, batches: Iterable[ProjectedBatch]
 ) -> Array:
     """(draws,) log Bayes factor of a class at the most likely point."""
     sizes, point, basis_fields = sizes_of(candidate.family), baseline.points.index(baseline.best), iter(candidate.projected_fields)
@@ -245,7 +264,7 @@ def _null_log_factors(
             null.append(0.5 * (fit - np.log1p(gains).sum(axis=1)))
         return null
 
-    null = list(chain.from_iterable(map(score, _batches(baseline, candidate.family, projections))))
+    null = list(chain.from_iterable(map(score, batches)))
     return np.asarray(np.logaddexp.reduce(np.stack(null), axis=(0, 2)) - np.log(len(null) * len(sizes)))
 
 
@@ -312,10 +331,12 @@ class NullDraws:
     Attributes:
         noise: for x and for y, (f b, draws) whitened noise.
         half_solved_gradient: (p, draws) forward substitution of the gradient from noise and prior.
+        adjoint: for x and for y, (f b, draws) adjoint of the noise, for columns in px; None if not requested.
     """
 
     noise: tuple[Array, Array]
     half_solved_gradient: Array
+    adjoint: tuple[Array, Array] | None = None
 
     @classmethod
     def of(cls, baseline: HyperparameterGrid, draws: int, seed: int) -> NullDraws:
@@ -337,7 +358,13 @@ class NullDraws:
 
     def gradient(self, white: WhitenedColumns, half: Array) -> Array:
         """(draws, q) gradient of each draw for columns with the given forward-substituted coupling to the most likely baseline."""
-        return (white.along(self.noise) - half.T @ self.half_solved_gradient).T
+        noise = self.noise if white.whitened or self.adjoint is None else self.adjoint
+        return (white.along(noise) - half.T @ self.half_solved_gradient).T
+
+    def with_adjoint(self, whiten: Whitener) -> NullDraws:
+        """The draws with the adjoint of their noise."""
+        x, y = (whiten.adjoint(axis, noise) for axis, noise in enumerate(self.noise))
+        return replace(self, adjoint=(x, y))
 
 
 def projected_with_draws(baseline: HyperparameterGrid, field: Array, draws: NullDraws) -> tuple[Array, Array, Array]:

@@ -53,8 +53,9 @@ def most_likely_whitener(observation: Observation) -> Whitener:
     """Whitening with the most likely window of the noise, and with the size of the residual of the estimate."""
     residual, maps = observation.residual_px(), [rows.dmap for rows in observation.state.rows if rows.within_pair]
     centred, rough = residual - residual.mean(axis=0), rough_modes(observation)
-    window = most_likely_window(observation.grid, observation.valid_blocks, centred, rough, window_of_points(maps))
-    return make_whitener(observation.grid, observation.valid_blocks, window, float(residual.std()) or 1e-6)
+    max_blocks = observation.state.settings.max_blocks
+    window = most_likely_window(observation.grid, observation.valid_blocks, centred, rough, window_of_points(maps), max_blocks)
+    return make_whitener(observation.grid, observation.valid_blocks, window, float(residual.std()) or 1e-6, max_blocks)
 
 
 def rough_modes(observation: Observation) -> Array:

@@ -6,7 +6,7 @@ A search scores all basis fields again after each added effect. The columns of t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.design_matrix import DesignMatrix
+from semlive.diagnose.parallel import parallel_map
 from semlive.model.effects import EffectClass, RunGeometry
 
 Array = NDArray[np.float64]
 COLUMNS_AT_ONCE = 256
+FEW_COLUMNS = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +65,7 @@ class WhitenedColumns:
         gram_matrices: for each basis field, (q, q) products of its columns.
         residual_products: (q,) products with the residual of the first solution.
         baseline_products: for x and for y, (m, their number) products with the columns of the baseline.
+        whitened: whether the rows are whitened. If not, they are in px and are multiplied by the adjoint of whitened fields.
     """
 
     spans: tuple[slice, ...]
@@ -71,6 +74,7 @@ class WhitenedColumns:
     gram_matrices: tuple[Array, ...]
     residual_products: Array
     baseline_products: tuple[Array, Array]
+    whitened: bool = True
 
     @classmethod
     def of(cls, baseline: HyperparameterGrid, fields: Sequence[Array]) -> WhitenedColumns:
@@ -81,17 +85,39 @@ class WhitenedColumns:
     def of_nonzero(cls, baseline: HyperparameterGrid, columns: _NonzeroColumns) -> WhitenedColumns:
         """Whiten the columns of basis fields."""
         design, residual, (x, y) = baseline.design, baseline.whitened_residual, columns.rows
-        rows, baseline_products, gradient, white = [], [], np.zeros(columns.spans[-1].stop), np.zeros(0)
+        rows, whitened, gradient, white = [], list[Array](), np.zeros(columns.spans[-1].stop), np.zeros(0)
         for axis, (nonzero, each) in enumerate(zip(columns.index, columns.rows, strict=True)):
             reusable = axis == 1 and x is y and design.whiten.over_frames is None
             white = white if reusable else design.whiten.rows(axis, each)
             flat = white.reshape(len(nonzero), residual[:, :, axis].size)
             gradient[nonzero] += flat @ residual[:, :, axis].ravel()
             rows.append(flat)
-            baseline_products.append(design.along(axis, white))
+            whitened.append(white)
         gram_matrices = tuple(_gram(columns.index, rows, own) for own in columns.spans)
-        products = baseline_products[0], baseline_products[1]
-        return cls(columns.spans, columns.index, (rows[0], rows[1]), gram_matrices, gradient, products)
+        # For few columns the products take the time of reading the design matrix, 10 s of a verdict with four effects.
+        each_axis = parallel_map if columns.spans[-1].stop <= FEW_COLUMNS else map
+        x_products, y_products = each_axis(lambda axis: design.along(axis, whitened[axis]), (0, 1))
+        return cls(columns.spans, columns.index, (rows[0], rows[1]), gram_matrices, gradient, (x_products, y_products))
+
+    def without_rows(self) -> WhitenedColumns:
+        """The products alone, which are a twentieth of the memory."""
+        none = np.zeros((0, 0))
+        return replace(self, rows=(none, none), whitened=False)
+
+    def with_rows(self, columns: _NonzeroColumns, adjoint: tuple[Array, Array]) -> WhitenedColumns:
+        """The stored products with the rows in px, and the products with effects that were added since.
+
+        Whitening takes most of the time of the products, and is not needed: the effects are multiplied by the adjoint instead.
+
+        Args:
+            columns: the same columns, px.
+            adjoint: for x and for y, (f b, k) adjoint of the effects; see `effects_adjoint`.
+        """
+        x, y = (own.reshape(len(own), len(added)) for own, added in zip(columns.rows, adjoint, strict=True))
+        products = [
+            np.concatenate((stored, added.T @ own.T)) for stored, added, own in zip(self.baseline_products, adjoint, (x, y), strict=True)
+        ]
+        return replace(self, rows=(x, y), baseline_products=(products[0], products[1]))
 
     def products_with(self, design: DesignMatrix) -> Array:
         """(p, q) products with all columns of a design matrix: the original baseline and effects added since."""
@@ -130,6 +156,10 @@ class ProjectedBatch:
         """Memory of the columns, bytes."""
         return sum(rows.nbytes for rows in self.columns.rows)
 
+    def without_rows(self) -> ProjectedBatch:
+        """The batch with the products alone."""
+        return replace(self, columns=self.columns.without_rows())
+
 
 Projections = Mapping[str, tuple[ProjectedBatch, ...]]
 """Stored batches of effect classes, by name."""
@@ -143,6 +173,32 @@ def project_batches(baseline: HyperparameterGrid, family: EffectClass) -> Iterat
     """
     grid = iter(family.grid(baseline.design.observation.geometry))
     return iter(lambda: _next_batch(baseline, family, grid), None)
+
+
+def rebuilt_batches(
+    scene: RunGeometry, family: EffectClass, batches: Sequence[ProjectedBatch], adjoint: tuple[Array, Array]
+) -> Iterator[ProjectedBatch]:
+    """Batches of which the products alone are stored, with their rows in px. Each is built when it is requested.
+
+    Args:
+        scene: geometry of the run.
+        family: the effect class.
+        batches: its batches.
+        adjoint: for x and for y, (f b, k) adjoint of the effects that were added since.
+    """
+    for batch in batches:
+        fields = [field.field_px for values in batch.values if (field := family.basis_field(scene, values)) is not None]
+        yield replace(batch, columns=batch.columns.with_rows(_NonzeroColumns.of(fields), adjoint))
+
+
+def effects_adjoint(baseline: HyperparameterGrid, projections: Projections) -> tuple[Array, Array] | None:
+    """For x and for y, (f b, k) adjoint of the effects added since the projections were stored; None if these have whitened rows."""
+    first = next((batches[0].columns for batches in projections.values()), None)
+    if first is None or first.whitened:
+        return None
+    design, counts = baseline.design, [len(products) for products in first.baseline_products]
+    x, y = (design.whiten.adjoint(axis, design.columns[axis][:, count:]) for axis, count in enumerate(counts))
+    return x, y
 
 
 def _next_batch(baseline: HyperparameterGrid, family: EffectClass, grid: Iterator[Mapping[str, float]]) -> ProjectedBatch | None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.grid import Grid
-from semlive.estimate.joint.observations.block_means import Blocks
+from semlive.estimate.joint.observations.block_means import blocks_of
 from semlive.kernels.linear_algebra import cholesky, forward_substitution
 from semlive.mechanics.correlation_length import correlation_of, window_correlation
 
@@ -86,6 +86,17 @@ class Whitener:
         free = self._free(axis)
         return np.asarray(white - free[:, None] * np.einsum("f,kfb->kb", free, white)[:, None])
 
+    def adjoint(self, axis: int, white: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(f b, k) fields whose products with fields in px are those of the given ones, (f b, k), with the same fields whitened."""
+        columns = white.reshape(len(white) // len(self.factor), len(self.factor), white.shape[-1])
+        if self.over_frames is None:
+            columns = columns - columns.mean(axis=0)
+        else:
+            free = self._free(axis)
+            columns = columns - np.multiply.outer(free, np.tensordot(free, columns, 1))
+            columns = np.tensordot(self.over_frames[axis].T, columns, 1)
+        return np.asarray(np.matmul(self.inverse.T / self.sigma_px, columns).reshape(white.shape))
+
     def without_reference(self, axis: int, white: NDArray[np.float64]) -> NDArray[np.float64]:
         """(f, ...) fields along one axis in units of the noise, minus the part of a displacement equal in all frames. In place."""
         if self.over_frames is None:
@@ -112,7 +123,7 @@ class Whitener:
         return np.asarray(free / np.linalg.norm(free))
 
 
-def make_whitener(grid: Grid, used: NDArray[np.int64], window: Window, sigma_px: float) -> Whitener:
+def make_whitener(grid: Grid, used: NDArray[np.int64], window: Window, sigma_px: float, max_blocks: int = 0) -> Whitener:
     """Whitener for noise seen through a window.
 
     Args:
@@ -120,21 +131,22 @@ def make_whitener(grid: Grid, used: NDArray[np.int64], window: Window, sigma_px:
         used: (b,) indices of the used blocks.
         window: correlation of the noise over points.
         sigma_px: standard deviation of the block mean of one frame, px.
+        max_blocks: largest number of blocks of the estimate.
     """
-    factor = _factor(grid, used, window)
+    factor = _factor(grid, used, window, max_blocks)
     return Whitener(factor, forward_substitution(factor, np.eye(len(factor))), sigma_px)
 
 
-def _factor(grid: Grid, used: NDArray[np.int64], window: Window) -> NDArray[np.float64]:
+def _factor(grid: Grid, used: NDArray[np.int64], window: Window, max_blocks: int) -> NDArray[np.float64]:
     """(b, b) lower Cholesky factor of the correlation of block means."""
-    correlation = block_correlation(grid, window)[np.ix_(used, used)]
+    correlation = block_correlation(grid, window, max_blocks)[np.ix_(used, used)]
     root = np.sqrt(np.diag(correlation))
     return cholesky(correlation / np.outer(root, root))
 
 
-def block_correlation(grid: Grid, window: Window) -> NDArray[np.float64]:
+def block_correlation(grid: Grid, window: Window, max_blocks: int = 0) -> NDArray[np.float64]:
     """(blocks, blocks) covariance of the means of all blocks' points, in units of one point's variance."""
-    blocks = Blocks.of(grid)
+    blocks = blocks_of(grid, max_blocks)
     rows, columns = blocks.layout
     block = blocks.block.reshape(grid.shape)
     along = _along(grid.y_px, block[:, 0] // columns, rows, window), _along(grid.x_px, block[0], columns, window)
@@ -156,7 +168,12 @@ def window_of_points(maps: Sequence[DisparityMap]) -> Window | None:
 
 
 def most_likely_window(
-    grid: Grid, used: NDArray[np.int64], residual: NDArray[np.float64], rough: NDArray[np.float64], of_points: Window | None = None
+    grid: Grid,
+    used: NDArray[np.int64],
+    residual: NDArray[np.float64],
+    rough: NDArray[np.float64],
+    of_points: Window | None = None,
+    max_blocks: int = 0,
 ) -> Window:
     """Window that maximises the likelihood of the rough part of residuals (f, b, 2).
 
@@ -170,6 +187,7 @@ def most_likely_window(
         residual: (f, b, 2) residuals, px.
         rough: (b, k) columns that span the rough part.
         of_points: window from neighbouring points, if there is one.
+        max_blocks: largest number of blocks of the estimate.
     """
     longest = float(max(grid.subset_px, grid.step_px))
     flat = rough.T @ np.moveaxis(residual, 1, 0).reshape(residual.shape[1], -1)
@@ -177,7 +195,7 @@ def most_likely_window(
     @cache
     def score(window: Window) -> float:
         try:
-            factor = rough_cholesky(_factor(grid, used, window), rough)
+            factor = rough_cholesky(_factor(grid, used, window, max_blocks), rough)
         except np.linalg.LinAlgError:  # a window much longer than the blocks: singular in double precision
             return -np.inf
         white = forward_substitution(factor, flat)

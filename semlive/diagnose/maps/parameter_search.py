@@ -13,6 +13,7 @@ from scipy.optimize import minimize_scalar
 
 from semlive.diagnose.baseline.bayes_factor import ProjectedField
 from semlive.diagnose.maps.linear_parameters import LinearParameterSums, LinearPosterior
+from semlive.diagnose.parallel import parallel_map
 from semlive.model.effects import EffectClass, NonlinearParameter
 from semlive.model.effects.effect_class import Values
 
@@ -160,7 +161,8 @@ def parameter_spread(objective: CandidateObjective, values: dict[str, float], me
         return ParameterSpread(tuple(sigmas.tolist()), tuple(widths.tolist()), covariance)
     thetas, t = objective.family.nonlinear_parameters, len(objective.family.nonlinear_parameters)
     units = np.array([abs(values[theta.name] * math.log(theta.step)) if theta.ratio else theta.step for theta in thetas])
-    each = [_posterior_covariance(_Line.of(objective, values, axis), mean) for axis in _principal_axes(objective, values)]
+    lines = [_Line.of(objective, values, axis) for axis in _principal_axes(objective, values)]
+    each = parallel_map(lambda line: _posterior_covariance(line, mean), lines)
     widths = [math.sqrt(float(np.sum(np.diag(one)[:t] / units**2))) for one in each]
     total = np.sum(each or [np.zeros((len(mean),) * 2)], axis=0)
     return ParameterSpread(tuple(np.sqrt(np.diag(total)[:t]).tolist()), tuple(widths), total[t:, t:])
@@ -176,10 +178,12 @@ def _principal_axes(objective: CandidateObjective, values: dict[str, float]) -> 
         projected_field = objective.evaluate(_moved(objective.family, values, CURVATURE_STEP * steps))
         return -UNOBSERVABLE_PENALTY if projected_field is None else _score(objective, projected_field)
 
-    mixed = np.zeros(each.shape)
-    for i, j in zip(*np.triu_indices(len(each)), strict=True):
-        both, difference = each[i] + each[j], each[i] - each[j]
-        mixed[i, j] = mixed[j, i] = score(difference) + score(-difference) - score(both) - score(-both)
+    def mixed_term(at: tuple[int, int]) -> float:
+        both, difference = each[at[0]] + each[at[1]], each[at[0]] - each[at[1]]
+        return score(difference) + score(-difference) - score(both) - score(-both)
+
+    mixed, (first, second) = np.zeros(each.shape), np.triu_indices(len(each))
+    mixed[first, second] = mixed[second, first] = parallel_map(mixed_term, zip(first.tolist(), second.tolist(), strict=True))
     return np.linalg.eigh(mixed)[1].T if np.abs(mixed).max() < 0.5 * UNOBSERVABLE_PENALTY else each
 
 

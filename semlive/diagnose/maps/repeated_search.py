@@ -67,6 +67,7 @@ class SearchResult:
         effects: the identified effects, fitted jointly.
         fields: for each effect, given ones first, (f, b, 2, q) displacement of unit amplitudes, px.
         residual_significant: whether a significant residual remains, or an effect has another time course than its basis field.
+        searches: number of searches of the verdict so far.
     """
 
     domain_tests: tuple[DomainTest, ...]
@@ -75,15 +76,22 @@ class SearchResult:
     effects: tuple[SelectedEffect, ...]
     fields: tuple[Array, ...]
     residual_significant: bool
+    searches: int = 1
 
     @classmethod
     def run(
-        cls, run: CouplingChoice, families: Sequence[EffectClass], model_effects: Sequence[ModelEffect], draws: tuple[int, int]
+        cls,
+        run: CouplingChoice,
+        families: Sequence[EffectClass],
+        model_effects: Sequence[ModelEffect],
+        draws: tuple[int, int],
+        earlier: SearchResult | None = None,
     ) -> SearchResult:
-        """Search for effects with the given number and seed of null draws."""
+        """Search for effects with the given number and seed of null draws, after an earlier search or as the first one."""
         screening = run.screening or Screening.run(run.observation, (*families, *UNNAMED_CLASSES), model_effects)
         null = NullDraws.of(screening.baseline, *draws)
-        tests, final = run_domain_tests(screening.baseline, null), search(screening, families, null, draws[1])
+        earlier_work, searches = (earlier.search.work, earlier.searches) if earlier else (0.0, 0)
+        tests, final = run_domain_tests(screening.baseline, null), search(screening, families, null, draws[1], earlier_work)
         effects = _refit_jointly(final.baseline_with_effects, final.effects)
         significant = final.residual_significant or _alternative_more_likely(final.baseline, final.baseline_with_effects, effects)
         return cls(
@@ -93,7 +101,21 @@ class SearchResult:
             effects,
             (*screening.model_fields, *(effect.refined.field_px for effect in effects)),
             significant,
+            searches + 1,
         )
+
+    @property
+    def allows_another_search(self) -> bool:
+        """Whether another search with the average work of those so far is within the limit of a verdict."""
+        return self.search.allows(self.search.work / self.searches)
+
+    def truncated(self) -> SearchResult:
+        """The same result, marked as without a search that its criteria require."""
+        return replace(self, search=replace(self.search, truncated=True))
+
+    def after(self, other: SearchResult) -> SearchResult:
+        """The same result with the work of a later search, whose result was less likely."""
+        return replace(self, searches=other.searches, search=replace(self.search, work=other.search.work))
 
     @property
     def best_log_evidence(self) -> float:
@@ -126,10 +148,11 @@ def _second_pass(
     same_advection = observed.state.distortion.carried == before.state.distortion.carried
     if same_advection and not any(_prediction_changes(effect.refined, observed, result.baseline_with_effects) for effect in result.effects):
         return result
-    return max(
-        (result, SearchResult.run(repeated, families, model_effects, draws)),
-        key=lambda candidate: candidate.baseline_with_effects.log_evidence,
-    )
+    if not result.allows_another_search:
+        return result.truncated()
+    other = SearchResult.run(repeated, families, model_effects, draws, result)
+    more_likely = other.baseline_with_effects.log_evidence > result.baseline_with_effects.log_evidence
+    return other if more_likely else result.after(other)
 
 
 def _with_unequal_noise(
@@ -139,10 +162,12 @@ def _with_unequal_noise(
     noise = unequal_noise(result.search.baseline)
     if noise is None:
         return result
+    if not result.allows_another_search:
+        return result.truncated()
     observation = result.search.baseline.design.observation
     screening = Screening.run(observation, (*families, *UNNAMED_CLASSES), model_effects, noise.whiten)
-    other = SearchResult.run(CouplingChoice(observation, screening), families, model_effects, draws)
-    return other if other.best_log_evidence - noise.parameter_penalty > result.best_log_evidence else result
+    other = SearchResult.run(CouplingChoice(observation, screening), families, model_effects, draws, result)
+    return other if other.best_log_evidence - noise.parameter_penalty > result.best_log_evidence else result.after(other)
 
 
 def _with_shared_noise(

@@ -28,7 +28,11 @@ from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.model.effects import EffectClass
 
 MAX_EFFECTS = 3  # several of one class count once
-MAX_WORK = 1.5e12  # multiplications of a search; three effects in 15 pairs need less than half, and a minute does about as many
+MAX_WORK_PER_FRAME = 1.8e10
+"""Multiplications of all searches of a verdict, for each frame, about: 40 s of two cores for 15 pairs. Three searches for two effects in
+rendered frames need 1.2e10, two searches for three effects 1.5e10."""
+EVALUATIONS = 25  # of a basis field, in the refinement of an effect, for each nonlinear parameter
+FEW_COLUMNS_FACTOR = 8.0  # time of a multiplication with the few columns of one field, relative to that with many: it reads all data
 ALL_UNNAMED_CLASSES = (*UNNAMED_CLASSES, FINE_DISTORTION, FINE_DRIFT)
 """Candidates that are not reported as effects: unnamed fields, and terms of the baseline finer than its splines."""
 
@@ -46,8 +50,8 @@ class Search:
         fine_scale_candidates: candidates for components of the baseline finer than its splines.
         underresolved_splines: names of splines that are too coarse; their residual has been added to the baseline.
         residual_significant: whether the remaining residual is significant.
-        work: number of multiplications of the rounds so far, about.
-        truncated: whether the search ended before its criterion, because the next round would exceed `MAX_WORK`.
+        work: number of multiplications of the verdict so far, earlier searches and screenings included, about.
+        truncated: whether the next round, or another search, was omitted because it would exceed `MAX_WORK_PER_FRAME`.
     """
 
     baseline: HyperparameterGrid
@@ -58,11 +62,15 @@ class Search:
     fine_scale_candidates: tuple[EffectClass, ...]
     underresolved_splines: tuple[str, ...]
     residual_significant: bool
-    work: float = 0.0
+    work: float
     truncated: bool = False
 
+    def allows(self, further_work: float) -> bool:
+        """Whether further work is within the limit of a verdict."""
+        return self.work + further_work <= MAX_WORK_PER_FRAME * self.baseline.design.observation.frames
 
-def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDraws, seed: int) -> Search:
+
+def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDraws, seed: int, earlier_work: float = 0.0) -> Search:
     """Identify effects until none is significant.
 
     Args:
@@ -70,13 +78,15 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
         dictionary: the named effect classes.
         null: null draws of the baseline.
         seed: seed of further draws.
+        earlier_work: number of multiplications of the earlier searches of the same verdict.
     """
     baseline, fine = screening.baseline, fine_scale_candidates(screening.baseline)
     projections = project_candidates(baseline, fine, screening.projected_candidates)
     candidates = (*screening.candidates, *refine_parameters(baseline, score_candidates(baseline, fine, projections)))
     if _significant(candidates):
         candidates = with_draws(baseline, candidates, null, projections)
-    state = Search(baseline, baseline, (), candidates, (), fine, (), residual_significant=True)
+    work = earlier_work + _scoring_work(baseline, candidates)
+    state = Search(baseline, baseline, (), candidates, (), fine, (), residual_significant=True, work=work)
     while True:
         most_significant = max(candidates, key=lambda candidate: candidate.log_factor)
         p_value = _p_value(candidates, most_significant.log_factor) if most_significant.log_factor >= SIGNIFICANT_LOG_FACTOR else 1.0
@@ -91,10 +101,10 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
             )
             if not state.residual_significant or best is None or best.log_factor < SIGNIFICANT_LOG_FACTOR or is_full(state.effects):
                 return state
-            predicted = state.work + _round_work(state, candidates)
-            if predicted > MAX_WORK:
+            predicted = _round_work(state, candidates, best)
+            if not state.allows(predicted):
                 return replace(state, truncated=True)
-            state = _with_effect(replace(state, work=predicted), candidates, best, p_value, dictionary, projections)
+            state = _with_effect(replace(state, work=state.work + predicted), candidates, best, p_value, dictionary, projections)
         candidates = _score_remaining(state, dictionary, projections, (null.noise[0].shape[1], seed))
 
 
@@ -103,11 +113,19 @@ def is_full(effects: Sequence[SelectedEffect]) -> bool:
     return len({effect.refined.family for effect in effects}) == MAX_EFFECTS
 
 
-def _round_work(state: Search, candidates: Sequence[CandidateEvidence]) -> float:
-    """Multiplications of the next round, about: every column of every candidate is solved at every point, again for each effect so far."""
+def _round_work(state: Search, candidates: Sequence[CandidateEvidence], best: CandidateEvidence) -> float:
+    """Multiplications of the next round, about: all candidates are scored and an effect is refined, again for each effect so far."""
+    design = state.baseline_with_effects.design
+    columns = best.projected_fields[best.best[0]].columns * len(best.family.nonlinear_parameters)
+    columns += sum(len(effect.refined.amplitudes) * len(effect.refined.family.nonlinear_parameters) for effect in state.effects)
+    refinement = FEW_COLUMNS_FACTOR * EVALUATIONS * columns * design.size * design.observation.frames * design.observation.blocks
+    return _scoring_work(state.baseline_with_effects, candidates) * (1.0 + len(state.effects)) + refinement
+
+
+def _scoring_work(grid: HyperparameterGrid, candidates: Sequence[CandidateEvidence]) -> float:
+    """Multiplications for scoring the candidates, about: every column of every candidate is solved at every point."""
     columns = sum(field.columns for candidate in candidates for field in candidate.projected_fields)
-    grid = state.baseline_with_effects
-    return float(len(grid.points) * grid.design.size**2 * columns) * (1.0 + len(state.effects))
+    return float(len(grid.points) * grid.design.size**2 * columns)
 
 
 def _score_remaining(

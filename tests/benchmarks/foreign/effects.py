@@ -88,3 +88,32 @@ def charged_spots(spots: Sequence[Spot], end_s: float) -> Hidden:
         return total
 
     return displacement
+
+
+def changing_raster(magnification: float, rotation_rad: float, end_s: float) -> Hidden:
+    """A magnification that saturates with a third of the run, and a rotation that grows in proportion to time, about the centre.
+
+    Args:
+        magnification: relative change at the end of the run.
+        rotation_rad: rotation at the end of the run.
+        end_s: end of the run, s.
+    """
+
+    def displacement(visit: Visit) -> tuple[Array, Array]:
+        width, height = visit.raster_px
+        x, y = visit.x_px - width / 2.0, visit.y_px - height / 2.0
+        grown = magnification * -np.expm1(-3.0 * visit.time_s / end_s) / -np.expm1(-3.0)
+        turned = rotation_rad * visit.time_s / end_s
+        return grown * x - turned * y, grown * y + turned * x
+
+    return displacement
+
+
+def together(*parts: Hidden) -> Hidden:
+    """The sum of several effects."""
+
+    def displacement(visit: Visit) -> tuple[Array, Array]:
+        moved = [part(visit) for part in parts]
+        return sum((u for u, _ in moved), np.zeros_like(visit.x_px)), sum((v for _, v in moved), np.zeros_like(visit.x_px))
+
+    return displacement

@@ -40,6 +40,7 @@ RUNS: dict[str, tuple[str, ...]] = {
     "bench_nuisance": ("--score", "--folder", "FOLDER"),
     "bench_peer_frame": ("--list",),
     "bench_qualify": ("--maps", "1", "--tensile", "1"),
+    "bench_removed": ("--most", "0"),
     "bench_record": ("--images", "2", "--mb", "0.1", "--rounds", "1"),
     "bench_rendered_rasters": ("--count", "1"),
     "bench_replay": ("--pairs", "3", "--step", "40"),

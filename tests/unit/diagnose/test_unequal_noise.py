@@ -51,6 +51,16 @@ def test_a_displacement_equal_in_all_frames_is_not_observable(unequal: Whitener)
     np.testing.assert_allclose(unequal(np.repeat(place, FRAMES, axis=0)), 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("noise", ["equal", "unequal"])
+def test_products_with_whitened_fields_are_those_of_fields_with_the_adjoint(noise: str, request: pytest.FixtureRequest) -> None:
+    whiten: Whitener = request.getfixturevalue(noise)
+    rng = np.random.default_rng(4)
+    fields, others = rng.normal(size=(3, FRAMES, 12)), rng.normal(size=(FRAMES * 12, 2))
+    for axis in (0, 1):
+        whitened = whiten.rows(axis, fields).reshape(3, -1) @ others
+        np.testing.assert_allclose(fields.reshape(3, -1) @ whiten.adjoint(axis, others), whitened, atol=1e-9 * np.abs(whitened).max())
+
+
 def test_power_and_volume_are_those_of_the_dense_likelihood(equal: Whitener, unequal: Whitener, covariance: np.ndarray) -> None:
     """Log likelihood of one component with the reference address of each block free, relative to equal noise."""
     field = np.zeros((FRAMES, 12, 2))

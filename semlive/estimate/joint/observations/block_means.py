@@ -50,12 +50,19 @@ class Blocks:
     block_variance_ratio: float
 
     @classmethod
-    def of(cls, grid: Grid) -> Blocks:
-        """Partition a grid into blocks with the edge of a subset, or of one POI where subsets do not overlap."""
+    def of(cls, grid: Grid, most: int = 0) -> Blocks:
+        """Partition a grid into blocks with the edge of a subset, or of one POI where subsets do not overlap.
+
+        Args:
+            grid: grid of the points.
+            most: largest number of blocks, about; with more, all blocks are larger. 0: no limit.
+        """
         points = max(1, math.ceil(grid.subset_px / grid.step_px))
         # results of another DIC engine without a subset size: as many blocks as with subsets of 43 px and 18,000 points
         if grid.subset_px == 0:
             points = max(1, round(math.sqrt(grid.nx * grid.ny / ENOUGH_BLOCKS)))
+        if most:
+            points = max(points, math.ceil(math.sqrt(grid.nx * grid.ny / most)))
         along_x, along_y = _split(grid.nx, points), _split(grid.ny, points)
         block = along_y[:, None] * (along_x[-1] + 1) + along_x[None, :]
         flat = block.ravel()
@@ -323,6 +330,10 @@ def contiguous_slice(places: NDArray[np.int64]) -> slice | NDArray[np.int64]:
     if ahead >= 0 and places[-1] - places[0] == ahead and _ascends(places):
         return slice(int(places[0]), int(places[-1]) + 1)
     return places
+
+
+blocks_of = lru_cache(maxsize=4)(Blocks.of)
+"""Blocks of a grid; the same object for the same grid."""
 
 
 def _ascends(places: NDArray[np.int64]) -> bool:

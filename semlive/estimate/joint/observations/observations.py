@@ -12,7 +12,7 @@ from semlive.data.disparity import DisparityMap
 from semlive.data.drift import FrameTime
 from semlive.data.grid import Grid
 from semlive.errors import IllPosed
-from semlive.estimate.joint.observations.block_means import BlockColumns, Blocks, PackedColumns, block_columns
+from semlive.estimate.joint.observations.block_means import BlockColumns, PackedColumns, block_columns, blocks_of
 from semlive.estimate.joint.observations.state import EstimatorState, MapObservations
 from semlive.model import (
     Axis,
@@ -85,7 +85,7 @@ def map_observations(state: EstimatorState, dmap: DisparityMap, measured: NDArra
         if resting:
             # The distortion depends on position only, so its columns at frame 0 are valid for every frame.
             when = state.frame_time(0 if isinstance(effect, DistortionSpline) else dmap.reference)
-            before = _resting(_shortest(effect, reference), dmap.grid, when)
+            before = _resting(_shortest(effect, reference), dmap.grid, state.settings.max_blocks, when)
         else:
             before = [block_columns(effect.name, part, at, blocks.size, sign=-1.0) for part in effect.columns(reference)]
         both = _together(after, before)
@@ -119,16 +119,13 @@ def _shortest(effect: Effect, observation: FrameObservation) -> Effect:
     return replace(effect, spline=spline.of_intervals(needed))
 
 
-_blocks = lru_cache(maxsize=2)(Blocks.of)
-
-
 @lru_cache(maxsize=16)
-def _resting(effect: Effect, grid: Grid, when: FrameTime) -> list[BlockColumns]:
+def _resting(effect: Effect, grid: Grid, max_blocks: int, when: FrameTime) -> list[BlockColumns]:
     """Columns of an effect at the undisplaced grid in the reference frame of a map, usually frame 0.
 
     They take a third of the time of a map.
     """
-    blocks = _blocks(grid)
+    blocks = blocks_of(grid, max_blocks)
     observation = sighting(when, *grid.mesh())
     return [block_columns(effect.name, part, blocks.block, blocks.size, sign=-1.0) for part in effect.columns(observation)]
 

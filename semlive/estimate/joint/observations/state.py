@@ -15,7 +15,7 @@ from semlive.data.experiment import Phase
 from semlive.data.grid import Grid
 from semlive.data.settings import EstimateSettings
 from semlive.errors import IllPosed
-from semlive.estimate.joint.observations.block_means import BlockColumns, Blocks, PackedColumns, StoredColumns
+from semlive.estimate.joint.observations.block_means import BlockColumns, Blocks, PackedColumns, StoredColumns, blocks_of
 from semlive.estimate.storage import IN_MEMORY, Storage
 from semlive.model import (
     DistortionSpline,
@@ -229,7 +229,7 @@ def init(settings: EstimateSettings, grid: Grid, width_px: int, height_px: int) 
         raise IllPosed(f"a grid of {grid.nx} x {grid.ny} points cannot carry a strain: give at least 3 x 3 points")
     distortion = DistortionSpline.covering(width_px, height_px, settings.distortion_knot_px, grid.x0_px)
     n = distortion.size + ScanAxes().size
-    blocks, nothing = Blocks.of(grid), np.zeros(0)
+    blocks, nothing = blocks_of(grid, settings.max_blocks), np.zeros(0)
     return EstimatorState(
         settings=settings,
         grid=grid,
