@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
+
+from semlive.kernels.threads import parallel_chunks
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -14,6 +15,16 @@ WORKERS = 2
 
 
 def parallel_map(work: Callable[[T], R], many: Iterable[T]) -> list[R]:
-    """Results of `work` for each item, in order. Raises the exception of the first item that fails."""
-    with ThreadPoolExecutor(WORKERS) as pool:
-        return list(pool.map(work, many))
+    """Results of `work` for each item, in order. Raises an exception of an item that fails.
+
+    A thread pool would wait forever for a thread that ends before its first line because memory is refused, in the analysis of a run too.
+    """
+    items = list(many)
+    results = dict[int, R]()
+
+    def take(first: int, last: int) -> None:
+        for place in range(first, last):
+            results[place] = work(items[place])
+
+    parallel_chunks(take, len(items), 1, WORKERS)
+    return [results[place] for place in range(len(items))]

@@ -82,10 +82,11 @@ def _helper(work: Callable[[], A]) -> _Helper[A] | None:
         return None
 
 
-def parallel_chunks(work: Callable[[int, int], object], count: int, chunk: int) -> None:
-    """Call work(first, last) over chunks of range(count) in threads."""
+def parallel_chunks(work: Callable[[int, int], object], count: int, chunk: int, most: int | None = None) -> None:
+    """Call work(first, last) over chunks of range(count) in threads, at most so many if `most` is given."""
+    threads = thread_count() if most is None else min(thread_count(), most)
     todo = iter([(first, min(first + chunk, count)) for first in range(0, count, chunk)])
-    if thread_count() == 1 or count <= chunk:
+    if threads == 1 or count <= chunk:
         for first, last in todo:
             work(first, last)
         return
@@ -97,7 +98,7 @@ def parallel_chunks(work: Callable[[int, int], object], count: int, chunk: int) 
     helpers: list[_Helper[None]] = []
     try:
         for first, last in todo:
-            if len(helpers) < thread_count() - 1 and (helper := _helper(help_out)):
+            if len(helpers) < threads - 1 and (helper := _helper(help_out)):
                 helpers.append(helper)
             work(first, last)
     finally:

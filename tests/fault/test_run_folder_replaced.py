@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from semlive.errors import BadConfig
+from semlive.errors import BadConfig, BadLog
 from semlive.formats.log.messages import LogLineMessage, RunMessage
 from semlive.formats.log.writer import LogWriter
 from semlive.service.analysis.pipe import LOG_REPLACED, AnalysisOutput
 from semlive.service.analysis.process import AnalysisProcess
 from semlive.service.config.configuration import parse_config
-from semlive.service.log.files import messages
+from semlive.service.log.files import messages, segments
 from semlive.service.log.lock import only_one_at, run_lock
 from semlive.service.log.recording import Recorder
 from semlive.service.log.run_log import RunLog
@@ -163,3 +163,17 @@ def test_analysis_of_a_replaced_folder_is_given_up_at_once(tmp_path: Path, wait_
     assert not link.drain(10.0)
     assert other.close()
     recorder.close(0.0)
+
+
+class Replaced(type(Path())):  # type: ignore[misc]
+    """A folder that another run removes after it was found, and before it is listed."""
+
+    def is_dir(self) -> bool:
+        return True
+
+
+def test_a_folder_that_is_removed_before_it_is_listed_holds_no_log(tmp_path: Path) -> None:
+    folder = Replaced(tmp_path / "run")
+    with pytest.raises(BadLog, match="no such log"):
+        segments(folder)
+    assert list(LogTail(folder).poll()) == []

@@ -65,8 +65,11 @@ def segments(log: Path) -> tuple[Path, ...]:
 def _listed(folder: Path) -> dict[str, Path]:
     """Return the segments by their finished names."""
     files: dict[str, Path] = {}
-    with os.scandir(folder) as entries:
-        names = sorted(entry.name for entry in entries if entry.name.removesuffix(PARTIAL_SUFFIX).endswith(SUFFIX) and entry.is_file())
+    try:
+        with os.scandir(folder) as entries:
+            names = sorted(entry.name for entry in entries if entry.name.removesuffix(PARTIAL_SUFFIX).endswith(SUFFIX) and entry.is_file())
+    except FileNotFoundError as error:  # another run has just replaced the folder
+        raise BadLog(f"{folder}: no such log; give an MCAP file or a run folder.") from error
     for name in names:
         # A finished segment takes precedence over the unfinished file of the same segment.
         files.setdefault(name.removesuffix(PARTIAL_SUFFIX), folder / name)
