@@ -358,7 +358,8 @@ class NullDraws:
 
     def gradient(self, white: WhitenedColumns, half: Array) -> Array:
         """(draws, q) gradient of each draw for columns with the given forward-substituted coupling to the most likely baseline."""
-        noise = self.noise if white.whitened or self.adjoint is None else self.adjoint
+        noise = self.noise if white.whitened else self.adjoint
+        assert noise is not None  # requested by `with_adjoint` where the columns are in px
         return (white.along(noise) - half.T @ self.half_solved_gradient).T
 
     def with_adjoint(self, whiten: Whitener) -> NullDraws:

@@ -30,7 +30,7 @@ from semlive.model.effects import EffectClass
 MAX_EFFECTS = 3  # several of one class count once
 MAX_WORK_PER_FRAME = 1.8e10
 """Multiplications of all searches of a verdict, for each frame, about: 40 s of two cores for 15 pairs. Three searches for two effects in
-rendered frames need 1.2e10, two searches for three effects 1.5e10."""
+rendered frames need 1.6e10, two searches for three effects 1.5e10."""
 EVALUATIONS = 25  # of a basis field, in the refinement of an effect, for each nonlinear parameter
 FEW_COLUMNS_FACTOR = 8.0  # time of a multiplication with the few columns of one field, relative to that with many: it reads all data
 ALL_UNNAMED_CLASSES = (*UNNAMED_CLASSES, FINE_DISTORTION, FINE_DRIFT)
