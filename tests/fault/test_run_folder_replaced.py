@@ -177,3 +177,21 @@ def test_a_folder_that_is_removed_before_it_is_listed_holds_no_log(tmp_path: Pat
     with pytest.raises(BadLog, match="no such log"):
         segments(folder)
     assert list(LogTail(folder).poll()) == []
+
+
+class Begun(type(Path())):  # type: ignore[misc]
+    """A folder that a run creates while a reader looks for it."""
+
+    def is_dir(self) -> bool:
+        found = super().is_dir()
+        if not self.exists():
+            os.mkdir(self)
+        return found
+
+
+def test_a_run_folder_that_appears_while_it_is_looked_for_is_read(tmp_path: Path) -> None:
+    folder = Begun(tmp_path / "run")
+    tail = LogTail(folder)
+    assert list(tail.poll()) == []
+    write(tmp_path / "run" / "run.000.mcap", 100, 3)
+    assert [item.log_time_ns for item in tail.poll()] == [100, 101, 102]

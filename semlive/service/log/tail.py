@@ -101,8 +101,8 @@ class LogTail:
             paths = segments(self._log) if self._log.is_dir() else (self._log,)
         except BadLog:
             return None, True
-        if self._name is None and not paths[0].exists():
-            return None, True  # nothing exists yet: it may become a file or a folder
+        if self._name is None and (not paths[0].exists() or paths[0].is_dir()):
+            return None, True  # nothing exists yet, or a folder since a moment: it may become a file or a folder
         names = [path.name.removesuffix(PARTIAL_SUFFIX) for path in paths]
         if self._name is None:
             self._begin(names[0])
