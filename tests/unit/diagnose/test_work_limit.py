@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
@@ -15,12 +17,14 @@ from semlive.data.diagnosis.effects import Outcome
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.model_effects import effect_class
 from semlive.diagnose.baseline.observation import Observation
+from semlive.diagnose.baseline.unequal_noise import unequal_noise
 from semlive.diagnose.maps import search
 from semlive.diagnose.maps.repeated_search import SearchResult, repeated_search
 from semlive.diagnose.maps.verdict import diagnose
 
 GRID = Grid(101, 101, 45, 17, 14, 43)
-EFFECTS = ("magnification_drift", "stage_yaw", "refocus_magnification_step")  # one stays hidden, so that the maps are searched again
+EFFECTS = ("magnification_drift", "stage_yaw", "refocus_magnification_step")
+ADDED_PX = 0.02  # noise of every fourth frame in addition, so that the maps are searched again
 DICTIONARY = [effect_class(name) for name in EFFECTS]
 
 
@@ -32,11 +36,19 @@ def one_thread() -> Iterator[None]:
 
 
 @cache
-def observation() -> Observation:
+def equal_noise() -> Observation:
     """A run with three effects."""
     return observed(
         Conditions(7, calibration=5, tension=0), tuple(hidden_effect(name, 8.0 * PROTOTYPE_PX[name], 7)[0] for name in EFFECTS), GRID
     )
+
+
+@cache
+def observation() -> Observation:
+    """The same run with noise that differs between the frames."""
+    disparity_px = equal_noise().disparity_px.copy()
+    disparity_px[::4] += np.random.default_rng(1).normal(scale=ADDED_PX, size=disparity_px[::4].shape)
+    return replace(equal_noise(), disparity_px=disparity_px)
 
 
 @cache
@@ -53,6 +65,14 @@ def test_work_is_that_of_all_searches() -> None:
     assert unlimited().searches == 2
     assert not unlimited().search.truncated
     assert unlimited().search.allows(0.0)
+    assert unlimited().baseline_with_effects.design.whiten.over_frames is not None
+
+
+def test_noise_that_is_equal_with_the_effects_requires_no_further_search() -> None:
+    result = repeated_search(equal_noise(), DICTIONARY, (), (99, 0))
+    assert unequal_noise(result.search.baseline) is not None
+    assert names(result) == ["refocus_magnification_step", "stage_yaw"]
+    assert result.searches == 1
 
 
 def test_a_search_that_would_exceed_the_limit_is_omitted_and_stated(monkeypatch: pytest.MonkeyPatch) -> None:
