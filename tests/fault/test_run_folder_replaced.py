@@ -179,7 +179,7 @@ def test_a_folder_that_is_removed_before_it_is_listed_holds_no_log(tmp_path: Pat
     assert list(LogTail(folder).poll()) == []
 
 
-class Begun(type(Path())):  # type: ignore[misc]
+class CreatedWhileRead(type(Path())):  # type: ignore[misc]
     """A folder that a run creates while a reader looks for it."""
 
     def is_dir(self) -> bool:
@@ -190,7 +190,7 @@ class Begun(type(Path())):  # type: ignore[misc]
 
 
 def test_a_run_folder_that_appears_while_it_is_looked_for_is_read(tmp_path: Path) -> None:
-    folder = Begun(tmp_path / "run")
+    folder = CreatedWhileRead(tmp_path / "run")
     tail = LogTail(folder)
     assert list(tail.poll()) == []
     write(tmp_path / "run" / "run.000.mcap", 100, 3)
