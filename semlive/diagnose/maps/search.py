@@ -12,6 +12,7 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, NullDraws, project_candidates, score_candidates, with_draws
 from semlive.diagnose.baseline.projection import Projections
 from semlive.diagnose.maps.effect_selection import (
+    CERTAIN_LOG_FACTOR,
     MIN_LOG_ODDS,
     SIGNIFICANCE_LEVEL,
     SIGNIFICANT_LOG_FACTOR,
@@ -83,13 +84,13 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
     baseline, fine = screening.baseline, fine_scale_candidates(screening.baseline)
     projections = project_candidates(baseline, fine, screening.projected_candidates)
     candidates = (*screening.candidates, *refine_parameters(baseline, score_candidates(baseline, fine, projections)))
-    if _significant(candidates):
+    if _needs_draws(candidates):
         candidates = with_draws(baseline, candidates, null, projections)
     work = earlier_work + _scoring_work(baseline, candidates)
     state = Search(baseline, baseline, (), candidates, (), fine, (), residual_significant=True, work=work)
     while True:
         most_significant = max(candidates, key=lambda candidate: candidate.log_factor)
-        p_value = _p_value(candidates, most_significant.log_factor) if most_significant.log_factor >= SIGNIFICANT_LOG_FACTOR else 1.0
+        p_value = _p_value(candidates, most_significant.log_factor, draws=null.noise[0].shape[1])
         state = replace(state, residual_significant=p_value <= SIGNIFICANCE_LEVEL)
         if state.residual_significant and most_significant.family in state.fine_scale_candidates:
             state = _without_coarse(state, most_significant)
@@ -131,19 +132,19 @@ def _scoring_work(grid: HyperparameterGrid, candidates: Sequence[CandidateEviden
 def _score_remaining(
     state: Search, dictionary: Sequence[EffectClass], projections: Projections, draws: tuple[int, int]
 ) -> tuple[CandidateEvidence, ...]:
-    """Score the remaining candidates; null draws are computed only if a candidate is significant."""
+    """Score the remaining candidates; null draws are computed only where the p-value requires them."""
     remaining = (family for family in dictionary if state.excluded.count(family) < family.max_count)
     families = (*remaining, *UNNAMED_CLASSES, *state.fine_scale_candidates)
     candidates = refine_parameters(state.baseline_with_effects, score_candidates(state.baseline_with_effects, families, projections))
-    if not _significant(candidates):
+    if not _needs_draws(candidates):
         return candidates
     null = NullDraws.of(state.baseline_with_effects, draws[0], draws[1] + len(state.effects) + len(state.underresolved_splines))
     return with_draws(state.baseline_with_effects, candidates, null, projections)
 
 
-def _significant(candidates: Sequence[CandidateEvidence]) -> bool:
-    """Whether the p-value of the most likely class is needed; the draws for it take a tenth of the time of a verdict."""
-    return max(candidate.log_factor for candidate in candidates) >= SIGNIFICANT_LOG_FACTOR
+def _needs_draws(candidates: Sequence[CandidateEvidence]) -> bool:
+    """Whether the p-value of the most likely class requires draws of the null."""
+    return SIGNIFICANT_LOG_FACTOR <= max(candidate.log_factor for candidate in candidates) < CERTAIN_LOG_FACTOR
 
 
 def _without_coarse(state: Search, fine: CandidateEvidence) -> Search:
@@ -186,6 +187,11 @@ def _with_effect(
     return replace(state, baseline_with_effects=baseline_with_effects, effects=effects, excluded=tried)
 
 
-def _p_value(candidates: Sequence[CandidateEvidence], most_significant: float) -> float:
+def _p_value(candidates: Sequence[CandidateEvidence], most_significant: float, draws: int) -> float:
+    """Fraction of draws of the null in which a class is as significant, the data included; 1 if it is not significant by itself."""
+    if most_significant < SIGNIFICANT_LOG_FACTOR:
+        return 1.0
+    if most_significant >= CERTAIN_LOG_FACTOR:
+        return 1.0 / (1.0 + draws)
     null = np.max([candidate.null for candidate in candidates], axis=0)
-    return (1.0 + float(np.sum(null >= most_significant))) / (1.0 + len(null))
+    return (1.0 + float(np.sum(null >= most_significant))) / (1.0 + draws)

@@ -17,6 +17,7 @@ from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
 from semlive.diagnose.baseline.bayes_factor import NullDraws, project_candidates, score_candidates, with_draws
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.projection import Projections
+from semlive.diagnose.maps.effect_selection import CERTAIN_LOG_FACTOR
 from semlive.diagnose.maps.refinement import refined
 from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.model.effects import EFFECT_CLASSES
@@ -69,3 +70,13 @@ def test_evidence_and_null_draws_do_not_depend_on_what_is_stored(baseline: Hyper
         assert other.log_factor == pytest.approx(one.log_factor, rel=1e-9, abs=1e-9)
         assert third.log_factor == pytest.approx(one.log_factor, rel=1e-9, abs=1e-9)
         np.testing.assert_allclose(other.null, one.null, rtol=1e-9, atol=1e-9)
+
+
+def test_draws_of_the_null_exceed_a_bayes_factor_no_more_often_than_its_inverse(baseline: HyperparameterGrid) -> None:
+    """Markov's inequality, which replaces the draws where an effect is certain."""
+    drawn = with_draws(baseline, score_candidates(baseline, FAMILIES), NullDraws.of(baseline, 99, 2))
+    null = np.stack([each.null for each in drawn])
+    for factor in (4.0, 20.0):
+        assert np.mean(null > np.log(factor)) < 1.0 / factor
+    assert null.max() < 0.5 * CERTAIN_LOG_FACTOR
+    assert max(each.log_factor for each in drawn) > CERTAIN_LOG_FACTOR
