@@ -117,12 +117,12 @@ def fit_effect_correction(
         rows_from_frame_0(state, steps)  # a solution of too few pairs, which takes seconds, would not be used
         solution, other = baseline_solution(state)
         observation = make_observation(solution, steps, other)
+        loads_n, load_notes = _cell(load_readings(observation, steps, loading_axis), of_cell, steps)
+        if not of_maps:
+            return EffectCorrection(len(measured), loads_n=loads_n, notes=(*load_notes, *notes))
+        return replace(_map_correction(observation, of_maps, [*load_notes, *notes]), loads_n=loads_n)
     except IllPosed as error:
         return EffectCorrection(len(measured), notes=(_note(f"nothing is taken out of the maps yet: {error}"), *notes))
-    loads_n, load_notes = _cell(load_readings(observation, steps, loading_axis), of_cell, steps)
-    if not of_maps:
-        return EffectCorrection(len(measured), loads_n=loads_n, notes=(*load_notes, *notes))
-    return replace(_map_correction(observation, of_maps, [*load_notes, *notes]), loads_n=loads_n)
 
 
 def _is_not_corrected(effect: ModelEffect) -> bool:

@@ -18,6 +18,7 @@ from semlive.data.grid import Grid
 from semlive.data.pair import PairDecision
 from semlive.data.results import FrameResult
 from semlive.data.settings import AnalysisSettings, EstimateSettings, SpecimenSettings
+from semlive.errors import IllPosed
 from semlive.estimate.joint.observations import accumulation
 from semlive.pipeline import effect_correction
 from semlive_simulators.effects.charging import ChargingLocalLens
@@ -157,3 +158,17 @@ def test_more_pairs_than_can_be_fitted_continue_without_the_model(
     state, result = pipeline.add_pair(modelled[4][0], decided(charging[5]), charging[5].maps)
     assert result.estimate.notes[-1].message.startswith("WARNING: model: nothing is taken out of the maps: 6 pairs are more than the 5")
     assert np.array_equal(last_field(state), uncorrected_field)
+
+
+def test_a_run_continues_uncorrected_where_the_fit_is_not_possible(
+    charging: list[HiddenPair], uncorrected_field: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such a pair was refused, which stopped the run."""
+
+    def refuse(*_: object) -> None:
+        raise IllPosed("its equations are singular")
+
+    monkeypatch.setattr(effect_correction, "effect_displacement", refuse)
+    *_, (state, _) = followed(charging, AnalysisSettings(estimate=SMOOTH, model=MODEL))
+    assert "model: nothing is taken out of the maps yet: its equations are singular" in [note.text for note in state.model_correction.notes]
+    np.testing.assert_array_equal(last_field(state), uncorrected_field)

@@ -235,4 +235,7 @@ def regularise(precision: Matrix, rounding: float = ROUNDING) -> Matrix:
 
 
 def _unknown() -> IllPosed:
-    return IllPosed("drift, distortion and motion cannot be estimated from the pairs so far: a map contains numbers that are not finite")
+    return IllPosed(
+        "drift, distortion and motion cannot be estimated from the pairs so far: their equations are singular, or a map contains numbers "
+        "that are not finite"
+    )
