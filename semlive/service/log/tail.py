@@ -102,7 +102,7 @@ class LogTail:
         except BadLog:
             return None, True
         if self._name is None and (not paths[0].exists() or paths[0].is_dir()):
-            return None, True  # nothing exists yet, or a folder since a moment: it may become a file or a folder
+            return None, True  # nothing exists yet, or a folder that was created after the first check: the next poll reads it
         names = [path.name.removesuffix(PARTIAL_SUFFIX) for path in paths]
         if self._name is None:
             self._begin(names[0])
