@@ -26,7 +26,7 @@ from semlive.estimate import EstimatorState, Solution
 from semlive.pipeline import AnalysisState
 from semlive.qualify.figures.intervals import Interval
 from semlive.qualify.figures.noise import SUBSETS_PX, displacement_scatter, white_noise
-from semlive.qualify.figures.pixel_noise import pixel_noise
+from semlive.qualify.figures.pixel_noise import FRAME_PARTS, pixel_noise
 from semlive.qualify.figures.row_response import Pattern
 from semlive.qualify.figures.slow_waves import SlowWave, slow_wave
 from semlive.qualify.figures.wave_amplitudes import with_response
@@ -39,8 +39,6 @@ POINTS_PER_SUBSET = 3
 """Points along a subset in the maps of the noise; more have no new information about a scatter."""
 
 UNKNOWN_TIMES = (Provenance.ASSUMED, Provenance.UNKNOWN)
-PARTS = 4
-"""Parts of the first frame along each axis, whose scatter is the uncertainty of the pattern."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,10 +191,10 @@ def conclude(
 
 def _parts(first: Frame, settings: DicSettings) -> tuple[PatternQuality, ...]:
     """Pattern of 4 x 4 parts of a frame; empty if a part is smaller than two subsets."""
-    height, width = (size // PARTS for size in first.image.shape)
+    height, width = (size // FRAME_PARTS for size in first.image.shape)
     if min(height, width) < 2 * settings.subset_px:
         return ()
-    corners = ((y * height, x * width) for y in range(PARTS) for x in range(PARTS))
+    corners = ((y * height, x * width) for y in range(FRAME_PARTS) for x in range(FRAME_PARTS))
     return tuple(dic.quality(first.image[y : y + height, x : x + width], settings=settings) for y, x in corners)
 
 

@@ -15,11 +15,12 @@ import itertools
 import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from bench_real_rasters import read
 
 from semlive import dic
 from semlive.data.disparity import DisparityMap
@@ -42,15 +43,8 @@ def read_channels(folder: Path, first: str, second: str) -> dict[str, DisparityM
         channel = path.name.removeprefix(f"{first}.").removesuffix(".png")
         other = folder / f"{second}.{channel}.png"
         if other.exists():
-            maps[channel] = dic.match(_read(path), _read(other), settings=DicSettings(roi_px=None))
+            maps[channel] = dic.match(read(path), read(other), settings=DicSettings(roi_px=None))
     return maps
-
-
-def _read(path: Path) -> NDArray[np.uint16]:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise SystemExit(f"{path}: cannot be read; give images of 16 bit.")
-    return image.astype(np.uint16)
 
 
 def map_row(scans: str, channel: str, found: DisparityMap) -> tuple[str, ...]:

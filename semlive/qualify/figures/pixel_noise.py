@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from semlive.kernels import images
 from semlive.qualify.figures.intervals import Interval, mean_interval
 
-PARTS = 4
-"""Parts of the frame along each axis, whose scatter is the uncertainty."""
+FRAME_PARTS = 4
+"""Parts of a frame along each axis, whose scatter is the uncertainty of its noise and of the pattern."""
 MIN_PART_PX = 24
 ORDER_X, ORDER_Y = 8, 4
 """Order of the differences along a row and across the rows.
@@ -41,8 +41,8 @@ def pixel_noise(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Interval:
     differences = np.abs(cv2.sepFilter2D(grey, cv2.CV_32F, _difference(ORDER_X), _difference(ORDER_Y)))
     differences[~_varied(grey)] = np.nan
     inner = differences[ORDER_Y // 2 : -ORDER_Y // 2, ORDER_X // 2 : -ORDER_X // 2]
-    parts = [_median(part) for rows in np.array_split(inner, PARTS) for part in np.array_split(rows, PARTS, axis=1)]
-    enough = min(inner.shape) >= PARTS * MIN_PART_PX and all(parts)
+    parts = [_median(part) for rows in np.array_split(inner, FRAME_PARTS) for part in np.array_split(rows, FRAME_PARTS, axis=1)]
+    enough = min(inner.shape) >= FRAME_PARTS * MIN_PART_PX and all(parts)
     return mean_interval(_median(inner), np.array(parts if enough else []))
 
 
