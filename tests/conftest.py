@@ -64,7 +64,7 @@ def no_endpoint_stays_reserved() -> Iterator[None]:
     before = set(_LOCKS)
     yield
     for name in set(_LOCKS) - before:
-        _LOCKS[name].lock.release()
+        _LOCKS.pop(name).lock.release()
 
 
 @pytest.fixture

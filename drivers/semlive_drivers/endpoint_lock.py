@@ -24,10 +24,11 @@ from semlive.errors import LinkRefused
 from semlive.process_lock import Holder, ProcessLock
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _EndpointLock:
     """A lock of this process, and the number of links and threads that use it."""
 
+    key: str
     lock: ProcessLock
     users: int = 0
 
@@ -40,7 +41,7 @@ _GUARD = threading.RLock()
 class _ThreadUse:
     """Endpoints reserved by links of one thread; deleted with the local storage of the thread when it ends."""
 
-    keys: set[str] = field(default_factory=set)
+    endpoints: set[_EndpointLock] = field(default_factory=set)
 
 
 class _ThreadStorage(threading.local):
@@ -48,19 +49,19 @@ class _ThreadStorage(threading.local):
 
     def __init__(self) -> None:
         self.use = _ThreadUse()
-        weakref.finalize(self.use, _release, self.use.keys).atexit = False
+        weakref.finalize(self.use, _release, self.use.endpoints).atexit = False
 
 
 class Reservation:
     """The use of an endpoint by one link; made by `reserve_tcp` and `reserve_serial`."""
 
-    def __init__(self, keys: tuple[str, ...]) -> None:
-        self._keys = keys
+    def __init__(self, endpoints: tuple[_EndpointLock, ...]) -> None:
+        self._endpoints = endpoints
 
     def release(self) -> None:
         """Release the endpoint; never raises, can be repeated, in any thread."""
-        keys, self._keys = self._keys, ()
-        _release(keys)
+        endpoints, self._endpoints = self._endpoints, ()
+        _release(endpoints)
 
 
 def reserve_tcp(host: str, port: int, unit: int | None = None) -> Reservation:
@@ -100,16 +101,17 @@ def _reserve(keys: list[str], where: str) -> Reservation:
                     for endpoint in new.values():
                         endpoint.lock.release()
                     raise LinkRefused(f"{where} is driven by another semlive already, {lock}; stop that run first, or correct the endpoint")
-                new[key] = _EndpointLock(lock)
+                new[key] = _EndpointLock(key, lock)
         _LOCKS.update(new)
+        endpoints = tuple(_LOCKS[key] for key in keys)
         in_main_thread = threading.current_thread() is threading.main_thread()
-        thread_keys = set() if in_main_thread else _THREAD_STORAGE.use.keys
-        for key in keys:
-            _LOCKS[key].users += 1
-            if not in_main_thread and key not in thread_keys:
-                _LOCKS[key].users += 1
-                thread_keys.add(key)
-    return Reservation(tuple(keys))
+        of_thread = set() if in_main_thread else _THREAD_STORAGE.use.endpoints
+        for endpoint in endpoints:
+            endpoint.users += 1
+            if not in_main_thread and endpoint not in of_thread:
+                endpoint.users += 1
+                of_thread.add(endpoint)
+    return Reservation(endpoints)
 
 
 def _lock(key: str, where: str) -> ProcessLock | Holder:
@@ -122,13 +124,13 @@ def _lock(key: str, where: str) -> ProcessLock | Holder:
         ) from error
 
 
-def _release(keys: Iterable[str]) -> None:
+def _release(endpoints: Iterable[_EndpointLock]) -> None:
     with _GUARD:
-        for key in keys:
-            endpoint = _LOCKS[key]
+        for endpoint in endpoints:
             endpoint.users -= 1
             if endpoint.users == 0:
-                del _LOCKS[key]
+                if _LOCKS.get(endpoint.key) is endpoint:
+                    del _LOCKS[endpoint.key]
                 endpoint.lock.release()
 
 

@@ -27,6 +27,11 @@ def thread_count() -> int:
     return int(config.NUMBA_NUM_THREADS)  # pyright: ignore[reportAttributeAccessIssue]  (set at import, from the environment)
 
 
+def update_thread_count() -> None:
+    """Read NUMBA_NUM_THREADS again, as Numba does whenever it compiles."""
+    config.reload_config()
+
+
 class _Helper(Generic[A]):
     """Work of a helper thread; if the thread has not started it when the result is needed, the calling thread does it.
 

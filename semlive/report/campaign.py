@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 
 from semlive.errors import BadInput, SemliveError
+from semlive.kernels.threads import update_thread_count
 from semlive.report.export.export import export_log
 from semlive.report.export.fields import Format
 from semlive.report.export.hdf5_writer import add_stack
@@ -26,6 +27,7 @@ from semlive.service.analysis.result_json import result_json
 from semlive.service.log.pairs import has_images
 from semlive.service.replay.parallel_correlation import PairMaps, correlate_pairs, pair_numbers, replay_from_maps
 from semlive.service.replay.replay import ReplayCallbacks, ReplayRequest, ReplayResult, Source
+from semlive.service.runtime.blas import limit_blas_threads
 
 _JOBS_PER_CORE = 4
 
@@ -96,17 +98,16 @@ def reanalyse(
 @contextmanager
 def process_pool(count: int | None = None) -> Iterator[Executor]:
     """Processes of this machine, one for each core, each with one thread for its numerics."""
-    before = {name: os.environ.get(name) for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
-    os.environ.update(dict.fromkeys(before, "1"))  # read by the processes that are spawned next
-    try:
-        with ProcessPoolExecutor(count or os.cpu_count(), mp_context=multiprocessing.get_context("spawn")) as pool:
-            yield pool
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+    # The limit is set in the processes, not in the environment of this one: Numba reads it again whenever it compiles.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(count or os.cpu_count(), mp_context=context, initializer=_use_one_thread) as pool:
+        yield pool
+
+
+def _use_one_thread() -> None:
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    update_thread_count()
+    limit_blas_threads()
 
 
 @contextmanager

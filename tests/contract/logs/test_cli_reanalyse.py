@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 import pytest
 
+from semlive.kernels.threads import thread_count, update_thread_count
 from semlive.report import campaign
 from semlive.report.campaign import LogOutcome, analyse_log, process_pool, reanalyse
 from semlive.service.analysis.result_json import result_json
@@ -69,6 +70,14 @@ def test_all_cores_and_one_truncated_log(semlive: Semlive, logs: list[Path], own
     assert reported["failed"] == 1
     assert [row["pairs"] for row in reported["logs"]] == [4, None, 4]
     checked(out, own)
+
+
+def test_one_thread_in_each_process_and_as_many_as_before_in_this_one() -> None:
+    before = thread_count()
+    with process_pool(1) as pool:
+        assert pool.submit(thread_count).result() == 1
+        update_thread_count()  # as at every compilation: the limit of those processes then was that of this one, too
+        assert thread_count() == before
 
 
 def test_a_dask_cluster(logs: list[Path], own: ReplayResult, tmp_path: Path) -> None:
