@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from itertools import groupby
+from itertools import groupby, zip_longest
 from pathlib import Path
 
 import pytest
@@ -120,19 +120,29 @@ COMPUTING = (
     *(f"unit/{name}/" for name in ("pipeline", "qualify", "report")),
 )
 """Tests that wait for nothing in real time."""
-WAITING = ("scenario/test_daemon", "scenario/test_demo", "scenario/test_bench", "fault/", "browser/", "contract/links/")
-"""Tests that mostly wait for simulated machines in real time; the others compute."""
-LONG = (
-    *("unit/diagnose/test_decide", "scenario/test_daemon_stops", "scenario/diagnose/test_diagnose_unknown", "fault/test_daemon_faults"),
-    *("scenario/diagnose/test_diagnose_compare", "scenario/test_daemon_model", "unit/service/test_live_memory"),
-    *("scenario/test_daemon_qualify", "unit/benchmarks/test_smoke", "unit/diagnose/test_taken_out"),
-    *("fault/test_load_frame_campaign", "scenario/test_demo_short", "scenario/diagnose/test_diagnose_anew", "browser/test_page_watch"),
-    *("scenario/test_daemon_resume", "unit/diagnose/test_resolution", "scenario/test_daemon_warns", "scenario/test_numerical_experiment"),
-    *("scenario/test_daemon_out_of_memory", "scenario/test_daemon_operator_stage", "fault/test_every_map", "fault/test_refused_start"),
-    *("scenario/test_daemon_warm_up", "scenario/test_daemon_triggered", "scenario/test_daemon_beam_shift", "browser/test_page_bench"),
+WAITING = (
+    *("scenario/test_daemon", "scenario/test_demo", "scenario/test_bench", "fault/", "browser/", "contract/links/"),
+    *("contract/test_bench", "contract/test_control"),
 )
-"""Files of about a minute or more, in the order in which they begin: where one of them began last, a process worked alone for minutes. The
-longest one begins after wheel and documentation are built, which would make its simulated instrument late."""
+"""Tests that mostly wait for simulated machines in real time; the others compute."""
+LONG_WAITING = (
+    *("scenario/test_daemon_qualify", "scenario/test_daemon_stops", "fault/test_daemon_faults", "scenario/test_daemon_model"),
+    *("contract/links/test_driver_contract", "fault/test_load_frame_campaign", "scenario/test_demo_short", "browser/test_page_watch"),
+    *("scenario/test_daemon_resume", "scenario/test_daemon_warns", "scenario/test_daemon_out_of_memory", "fault/test_every_map"),
+    *("scenario/test_daemon_operator_stage", "fault/test_refused_start", "scenario/test_daemon_warm_up", "scenario/test_daemon_beam_shift"),
+    *("scenario/test_daemon_triggered", "browser/test_page_bench", "scenario/test_daemon_run"),
+)
+"""Waiting files of half a minute or more, in the order in which they begin: where one of them began last, a process worked alone for
+minutes. The longest one begins after wheel and documentation are built, which would make its simulated instrument late."""
+LONG_COMPUTING = (
+    *("unit/diagnose/test_decide", "scenario/diagnose/test_diagnose_unknown", "unit/diagnose/test_taken_out", "unit/benchmarks/test_smoke"),
+    *("unit/diagnose/test_resolution", "scenario/diagnose/test_diagnose_anew", "unit/diagnose/test_noise_of_other_engines"),
+    *("scenario/test_numerical_experiment", "contract/logs/test_cli_reanalyse", "scenario/diagnose/test_diagnose_grey_of_log"),
+    *("unit/service/test_live_memory", "unit/dic/test_dic_kernels", "unit/benchmarks/test_rendered_rasters", "unit/dic/test_robust_dic"),
+    *("scenario/diagnose/test_diagnose_compare", "contract/logs/test_cli_foretold", "unit/diagnose/test_foretold"),
+    *("scenario/diagnose/test_diagnose_names", "unit/diagnose/test_refine"),
+)
+"""Computing files that begin in turn with these. While waiting files ran one after the other, a tenth of the processors was idle."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -140,7 +150,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if not hasattr(config, "workerinput"):
         return
     files = {_name(tests[0].path): tests for tests in _by_file(items)}
-    ranked = [(float(number - len(LONG)), files.pop(name)) for number, name in enumerate(LONG) if name in files]
+    long = [name for names in zip_longest(LONG_COMPUTING, LONG_WAITING) for name in names]
+    ranked = [(float(number - len(long)), files.pop(name)) for number, name in enumerate(long) if name in files]
     for waits in (True, False):
         kind = [tests for name, tests in files.items() if name.startswith(WAITING) is waits]
         ranked += [((number + 0.5) / len(kind), tests) for number, tests in enumerate(kind)]
