@@ -90,7 +90,11 @@ def _wait_until() -> Callable[..., float]:
 
 
 COMPILE = (
-    ("-c", "from semlive import dic; from semlive.data.settings import DicSettings; dic.warm_up(DicSettings())"),
+    # Numba makes so many objects that last that looking for garbage takes a tenth of the time.
+    (
+        "-c",
+        "import gc; gc.disable(); from semlive import dic; from semlive.data.settings import DicSettings; dic.warm_up(DicSettings())",
+    ),
     ("-m", "semlive_simulators.simulate", "--scenario", "short", "--frames", "0", "--out", "."),
 )
 """What needs the kernels of most tests: those of correlation and those of the simulators."""

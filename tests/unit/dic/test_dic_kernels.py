@@ -95,6 +95,8 @@ def test_both_axes_give_equal_results(lab, scene, measure):
 
 
 SCRIPT = """
+import gc
+gc.disable()  # Numba makes so many objects that last that looking for garbage takes a tenth of the time
 import sys, numpy as np
 from semlive import dic
 from semlive.data.settings import DicSettings
