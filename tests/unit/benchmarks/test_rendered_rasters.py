@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,6 +20,12 @@ from semlive.data.grid import Grid
 GRID = Grid(30, 30, 12, 22, 19, 43)
 
 
+@cache
+def rendered(disturbance: str) -> Scene:
+    """A scene of several tests, rendered once; none of them changes it."""
+    return render("speckle", DISTURBANCES[disturbance], disturbance, 7)
+
+
 def true_map(s: Scene, sigma_px: float = 0.02) -> DisparityMap:
     """A map without errors."""
     x, y = (a.astype(int) for a in GRID.mesh())
@@ -28,7 +35,7 @@ def true_map(s: Scene, sigma_px: float = 0.02) -> DisparityMap:
 
 @pytest.mark.parametrize("disturbance", ["none", "row jumps"])
 def test_the_second_frame_shows_the_first_at_the_true_positions(disturbance: str) -> None:
-    s = render("speckle", DISTURBANCES[disturbance], disturbance, 7)
+    s = rendered(disturbance)
     observed = inside(s) & ~near_step(s)
     assert observed.mean() > 0.3
     difference = (at_second(s, s.clean_second, 0.0) - s.clean_first)[observed]
@@ -68,7 +75,7 @@ def test_nothing_is_matchable_without_contrast_at_the_edge_or_across_a_step() ->
     x, y = (a.astype(int) for a in GRID.mesh())
     faint = render("speckle", replace(DISTURBANCES["none"], contrast=0.02), "none", 7)
     assert not matchable(faint, x, y).any()
-    jumps = render("speckle", DISTURBANCES["row jumps"], "row jumps", 7)
+    jumps = rendered("row jumps")
     given = matchable(jumps, x, y)
     assert 0.2 < given.mean() < 0.9
     row = jumps.optics[0].rows.step_rows[0]
@@ -80,7 +87,7 @@ def test_nothing_is_matchable_without_contrast_at_the_edge_or_across_a_step() ->
     ("error_px", "sigma_px", "wrong"), [(0.0, 0.02, False), (0.45, 0.02, False), (0.55, 0.02, True), (1.5, 0.4, False), (2.1, 0.6, True)]
 )
 def test_what_is_wrong(error_px: float, sigma_px: float, wrong: bool) -> None:
-    s = render("speckle", DISTURBANCES["none"], "none", 7)
+    s = rendered("none")
     m = true_map(s, sigma_px)
     moved = np.array(m.v_px)
     moved[5, 6] += error_px
@@ -90,7 +97,7 @@ def test_what_is_wrong(error_px: float, sigma_px: float, wrong: bool) -> None:
 
 
 def test_next_to_a_step_the_values_of_both_sides_are_right_and_no_others() -> None:
-    s = render("speckle", DISTURBANCES["row jumps"], "row jumps", 7)
+    s = rendered("row jumps")
     row = s.optics[0].rows.step_rows[0]
     m = true_map(s)
     k = int(np.argmin(np.abs(GRID.y_px - row)))
