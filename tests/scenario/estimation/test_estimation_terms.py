@@ -55,19 +55,33 @@ def scan_timing(scans: int) -> ScanTiming:
     return ScanTiming(dwell, row, frame, Sourced(scans, Provenance.CONFIG))
 
 
-def solved(world: Any, steps: list[Any]) -> tuple[EstimateRevision, float]:
-    """The estimate, and the largest rms error of a frame's correction, px, its best affine map removed."""
+def followed(world: Any, steps: list[Any]) -> tuple[estimating.Solution, list[Any]]:
+    """The solution of all pairs, and the pairs."""
     state = estimating.init(EstimateSettings(), world.grid, WIDTH_PX, HEIGHT_PX)
     taken = list(world.pairs(steps))
     for item in taken:
         state = estimating.update(state, item.pair, item.step.phase, item.times, item.maps)
-    solution = estimating.solve(state)
+    return estimating.solve(state), taken
+
+
+def outcome(solution: estimating.Solution, taken: list[Any]) -> tuple[EstimateRevision, float]:
+    """The estimate, and the largest rms error of a frame's correction, px, its best affine map removed."""
     return estimating.to_estimate(solution, 0), max(item.worst_px(partial(estimating.correction, solution)) for item in taken[1:])
+
+
+def solved(world: Any, steps: list[Any]) -> tuple[EstimateRevision, float]:
+    return outcome(*followed(world, steps))
 
 
 @pytest.fixture(scope="module")
 def steps(plans: dict[str, list[Any]]) -> list[Any]:
     return [item for item in plans["short"] if item.strain == 0.0][:5]
+
+
+@pytest.fixture(scope="module")
+def with_carried(world: Callable[..., Any], steps: list[Any]) -> tuple[estimating.Solution, list[Any]]:
+    """A solution of a distortion that the drift carries along, which two tests examine and neither changes."""
+    return followed(changed(world(5, noise_px=0.005), carried=True), steps)
 
 
 def used(found: EstimateRevision) -> dict[str, bool]:
@@ -108,8 +122,8 @@ def test_rotation_of_the_raster_is_corrected_under_load_without_noise(world: Cal
     assert worst < 1e-3
 
 
-def test_distortion_carried_by_drift_is_found(world: Callable[..., Any], steps: list[Any]) -> None:
-    found, worst = solved(changed(world(5, noise_px=0.005), carried=True), steps)
+def test_distortion_carried_by_drift_is_found(with_carried: tuple[estimating.Solution, list[Any]]) -> None:
+    found, worst = outcome(*with_carried)
     assert used(found)["coupling"], found.terms
     assert worst < 0.004
 
@@ -122,13 +136,11 @@ def test_carried_distortion_is_found_without_noise(world: Callable[..., Any], st
 
 
 @pytest.mark.parametrize("carried", [False, True])
-def test_a_long_run_judges_the_coupling_again(world: Callable[..., Any], steps: list[Any], carried: bool) -> None:
+def test_a_long_run_judges_the_coupling_again(
+    world: Callable[..., Any], steps: list[Any], with_carried: tuple[estimating.Solution, list[Any]], carried: bool
+) -> None:
     """Along a chain of pairs, whatever was chosen before: right or wrong, it ends with what the data have."""
-    item = changed(world(5, noise_px=0.005), carried=carried)
-    state = estimating.init(EstimateSettings(), item.grid, WIDTH_PX, HEIGHT_PX)
-    for taken in item.pairs(steps):
-        state = estimating.update(state, taken.pair, taken.step.phase, taken.times, taken.maps)
-    right = estimating.solve(state)
+    right, _ = with_carried if carried else followed(changed(world(5, noise_px=0.005), carried=False), steps)
     assert right.state.distortion.carried == carried
     other = (
         with_static_distortion(without_normal_matrix(right.state))
