@@ -34,14 +34,24 @@ def summary(imported: Path) -> Any:
     return replay(ReplayRequest(imported, until=5))
 
 
+@pytest.fixture(scope="module")
+def written() -> dict[str, Path]:
+    """What was exported so far, by format: tests only read it, and the estimate of each export takes a second."""
+    return {}
+
+
 @pytest.fixture
-def exported(semlive: Semlive, imported: Path, tmp_path: Path) -> Callable[[str], Path]:
+def exported(semlive: Semlive, imported: Path, written: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     def export(kind: str) -> Path:
-        out = tmp_path / f"out.{kind}"
+        if kind in written:
+            return written[kind]
+        folder = tmp_path_factory.mktemp("exported")
+        out = folder / f"out.{kind}"
         code, printed, err = semlive("export", str(imported), "--format", kind, "-o", str(out), "--until", "5", "--json")
         assert (code, err) == (0, "")
         assert json.loads(printed) == {"out": str(out), "format": kind, "frames": list(range(12))}
-        assert [path for path in tmp_path.iterdir()] == [out]
+        assert [path for path in folder.iterdir()] == [out]
+        written[kind] = out
         return out
 
     return export
