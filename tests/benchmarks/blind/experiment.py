@@ -151,6 +151,7 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
     world = world_of(conditions, effects)
     noise = FrameNoise(conditions.kind, conditions.noise_px, conditions.noisy, WIDTH_PX, HEIGHT_PX)
     points = np.stack(grid.mesh(), axis=-1).reshape(-1, 2)
+    reference_noise = noise.at(0, points)  # of frame 0, which is in every map
     subsets = Subsets.of(grid, conditions.subset_px)
     here = subsets.places
     material = observed_at(world, here, 0, reported[0].motion, conditions.begin_s(0))
@@ -164,7 +165,7 @@ def hidden(conditions: Conditions, effects: tuple[Effect, ...], grid: Grid = GRI
         there[second] = address(world, material, second, pose.motion, there[first] if pose.pair else near, begin_s[second])
         maps = []
         for frame, at in there.items():
-            maps.append(_map(noise, conditions, grid, frame, points, points + subsets.mean(at - here)))
+            maps.append(_map((noise, reference_noise), conditions, grid, frame, points, points + subsets.mean(at - here)))
         times = tuple(
             FrameTime(frame, at_s + _clock_error_s(conditions, frame), timing(conditions.scan)) for frame, at_s in begin_s.items()
         )
@@ -349,10 +350,11 @@ def _undeformed(world: World, point: Field, visit: PixelVisits, inverse: Field) 
     return found
 
 
-def _map(noise: FrameNoise, conditions: Conditions, grid: Grid, frame: int, here: Field, there: Field) -> DisparityMap:
+def _map(noises: tuple[FrameNoise, Field], conditions: Conditions, grid: Grid, frame: int, here: Field, there: Field) -> DisparityMap:
+    noise, reference_noise = noises
     rng = np.random.default_rng((conditions.noisy, 11, frame))
     exact = there - here
-    moved = exact + noise.at(frame, there) - noise.at(0, here) + conditions.bias_px * np.sin(2 * np.pi * exact)
+    moved = exact + noise.at(frame, there) - reference_noise + conditions.bias_px * np.sin(2 * np.pi * exact)
     status = np.full(grid.shape, PoiStatus.CONVERGED, np.uint8)
     status[rng.random(grid.shape) < conditions.missing] = PoiStatus.LOW_ZNCC
     status[_lost(conditions, grid, frame)] = PoiStatus.LOW_ZNCC
