@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
-from blind.observing import observed
+from blind.observing import QUICK, observed
 from threadpoolctl import threadpool_limits
 
 from semlive.data.diagnosis.effects import Outcome
@@ -39,7 +39,7 @@ def one_thread() -> Iterator[None]:
 def equal_noise() -> Observation:
     """A run with three effects."""
     return observed(
-        Conditions(7, calibration=5, tension=0), tuple(hidden_effect(name, 8.0 * PROTOTYPE_PX[name], 7)[0] for name in EFFECTS), GRID
+        Conditions(7, calibration=5, tension=0), tuple(hidden_effect(name, 8.0 * PROTOTYPE_PX[name], 7)[0] for name in EFFECTS), GRID, QUICK
     )
 
 
