@@ -50,7 +50,8 @@ def test_noise_gives_no_notes(noise: Steps) -> None:
 @pytest.mark.parametrize(("name", "domain", "by"), [("stage_yaw", "frame", 7), ("tilt_with_load", "load", 13)])
 def test_a_hidden_effect_is_found_in_its_domain(name: str, domain: str, by: int) -> None:
     conditions = Conditions(7, calibration=8 if by > 8 else by, tension=max(0, by - 8))
-    *_, last = after_each(list(followed(hidden(conditions, hidden_effect(name, 4.0 * PROTOTYPE_PX[name], 7), GRID), AnalysisSettings())))
+    *_, (state, _) = followed(hidden(conditions, hidden_effect(name, 4.0 * PROTOTYPE_PX[name], 7), GRID), AnalysisSettings())
+    last = adequacy_after(state.solution, state.pairs)
     assert last is not None
     most_significant = last.most_significant
     assert most_significant is not None
