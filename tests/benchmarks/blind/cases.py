@@ -129,7 +129,7 @@ class Case:
         """Whether the largest that is met is below twice what can be detected: a wrong row time, where the drift's rate hardly varies."""
         if (self.kind, self.names) != (ONE, ("wrong_row_time",)):
             return False
-        return largest_px(self.conditions(), (WrongRowTime(WIDEST),)) < 2.0 * self.noise_ratio * DETECTABLE_PX["wrong_row_time"]
+        return _is_faint(self)
 
     @property
     def sheared(self) -> bool:
@@ -181,6 +181,11 @@ class Case:
 @cache  # a size is found by two simulations of the complete experiment
 def _effects(case: Case) -> tuple[Effect, ...]:
     return case.sized()
+
+
+@cache
+def _is_faint(case: Case) -> bool:
+    return largest_px(case.conditions(), (WrongRowTime(WIDEST),)) < 2.0 * case.noise_ratio * DETECTABLE_PX["wrong_row_time"]
 
 
 @cache
