@@ -9,14 +9,15 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
 
 from semlive.engine import OperatorCommand
 from semlive.service.control.socket import LINE_BYTES, Reply, Request, RequestStatus, send_request
-from semlive.service.log.files import messages
+
+from ..waiting import GrowingLog, logged
 
 DAEMON = """
 import json, queue, sys
@@ -38,14 +39,18 @@ class Steered:
     address: dict[str, Any]
     one: Any
     wait_until: Callable[..., None]
+    growing: GrowingLog = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.growing = GrowingLog(self.one.log)
 
     def ask(self, **fields: Any) -> Reply:
         request = Request(**{"token": self.address["token"], **fields})
         return asyncio.run(send_request(self.address["host"], self.address["port"], request))
 
     def logged(self, topic: str) -> list[dict[str, Any]]:
-        there = self.one.log.is_dir() and list(self.one.log.iterdir())
-        return [json.loads(message.payload) for message in messages(self.one.log) if message.topic == topic] if there else []
+        """Messages of a topic; of a daemon that has ended also those after the last complete chunk."""
+        return self.growing.logged(topic) if self.process.poll() is None else logged(self.one.log, topic)
 
     def reach(self, state: str, times: int = 1) -> None:
         self.wait_until(lambda: sum(reported["after"] == state for reported in self.logged("/state")) >= times)

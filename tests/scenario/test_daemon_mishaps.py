@@ -13,7 +13,7 @@ from pymodbus.client import ModbusTcpClient
 from semlive.service.log.alarms import Alarms, after_message
 from semlive.service.log.files import messages
 
-from ..waiting import RUN_END_S, logged
+from ..waiting import RUN_END_S, GrowingLog, logged
 
 EMERGENCY_STOP, LIMIT_SWITCH, FRACTURE = 101, 102, 104
 
@@ -53,8 +53,8 @@ def test_a_machine_that_fails_in_the_hold_is_stopped_and_loads_nothing_more(
     item = instrument(f"mishap-{mishap}")
     item.config["protocol"].update(calibration_shifts_px=[], loads_n=[300.0, 350.0], ramp_rate_n_s=50.0, hold_s=1200.0)
     item.config["limits"].update(force_step_max_n=1000.0, force_rate_max_n_s=60.0, force_drop_max_n=120.0)
-    process = item.start()
-    wait_until(lambda: any(step["after"] == "holding" for step in logged(item.log, "/state")))
+    process, growing = item.start(), GrowingLog(item.log)
+    wait_until(lambda: "holding" in growing.states())
     order(item.bench, mishap)
     out, err = process.communicate(timeout=RUN_END_S)
     assert process.returncode == 1, out + err

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from ..waiting import RUN_END_S, logged
+from ..waiting import RUN_END_S, GrowingLog, logged
 
 ROOM_BYTES = 2 * 2**20  # of new memory, for control and analysis together
 GROUPS = Path("/sys/fs/cgroup")
@@ -65,8 +65,8 @@ def test_linux_ends_the_analysis_first_and_the_run_loses_nothing(
     instrument: Callable[..., Any], wait_until: Callable[..., None], kernel_peer: Group
 ) -> None:
     item = instrument("out-of-memory")
-    process = item.start()
-    wait_until(lambda: len(logged(item.log, "/pair")) == 2)
+    process, growing = item.start(), GrowingLog(item.log)
+    wait_until(lambda: len(growing.logged("/pair")) == 2)
     (analysis,) = (int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
     kernel_peer.allow(ROOM_BYTES)
     for pid in (process.pid, analysis):
@@ -88,8 +88,8 @@ def test_an_analysis_that_is_refused_memory_does_not_hang(instrument: Callable[.
     Without that thread it continues with the memory that it has, or dies and is replaced.
     """
     item = instrument("refused-memory")
-    process = item.start()
-    wait_until(lambda: len(logged(item.log, "/pair")) == 2)
+    process, growing = item.start(), GrowingLog(item.log)
+    wait_until(lambda: len(growing.logged("/pair")) == 2)
     (analysis,) = (int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split())
     lines = Path(f"/proc/{analysis}/status").read_text().splitlines()
     size = next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmSize:"))
