@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -40,11 +41,19 @@ experiment:
 
 @dataclass
 class Instrument:
-    """A running bench and the configuration of a daemon for it."""
+    """A running bench and the configuration of a daemon for it.
+
+    Attributes:
+        folder: of the run.
+        bench: content of the bench's ready.json.
+        config: of the daemon.
+        end_bench: ends the bench, for a module of which no further test needs it: it scans and renders frames all the time.
+    """
 
     folder: Path
     bench: dict[str, Any]
     config: dict[str, Any]
+    end_bench: Callable[[], None] = lambda: None
 
     @property
     def log(self) -> Path:
@@ -117,7 +126,8 @@ def instrument(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
     root = tmp_path_factory.mktemp("instrument")
     scenario = root / "small.yaml"
     scenario.write_text(SCENARIO + getattr(request.module, "BENCH_EFFECTS", ""), encoding="utf-8")
-    with running_simulator(str(scenario), root / "bench", RATE) as bench:
+    with ExitStack() as stack:
+        bench = stack.enter_context(running_simulator(str(scenario), root / "bench", RATE))
 
         def make(name: str) -> Instrument:
             folder = root / name
@@ -127,7 +137,7 @@ def instrument(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
             config["dic"] = {"subset_px": 31, "step_px": 8, "roi_px": None}
             config["estimate"] = {"accept_poor_calibration": True}  # three pairs on a small frame determine no distortion
             config["protocol"]["load_tolerance_n"] = 20.0
-            item = Instrument(folder, bench, json.loads(json.dumps(config)))
+            item = Instrument(folder, bench, json.loads(json.dumps(config)), stack.close)
             item.unload()
             return item
 

@@ -55,6 +55,7 @@ def done(instrument: Callable[..., Any], wait_until: Callable[..., None], watche
     wait_until(lambda: one.load_frame_status() == 2, RUN_END_S)  # its watchdog: fault
     process = one.start("--resume", "--yes")
     out, err = process.communicate(timeout=RUN_END_S)
+    one.end_bench()
     assert process.returncode == 0, out + err
     return one
 

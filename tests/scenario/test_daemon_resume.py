@@ -68,9 +68,12 @@ def resumed(instrument: Callable[..., Any], wait_until: Callable[..., None], wat
     """
     for attempt in range(ATTEMPTS):
         try:
-            return killed_twice(instrument(f"killed{attempt}"), wait_until, watched)
+            one = killed_twice(instrument(f"killed{attempt}"), wait_until, watched)
         except Missed as missed:
             sys.stderr.write(f"{missed}\n")
+        else:
+            one.end_bench()
+            return one
     raise AssertionError(f"in {ATTEMPTS} attempts no kill came at its instant")
 
 

@@ -42,6 +42,7 @@ def finished(instrument: Callable[..., Any]) -> Any:
     one = instrument("whole")
     one.wait_for_slow_answers()
     code, printed = one.run()
+    one.end_bench()
     assert code == 0, printed
     assert "Traceback" not in printed
     return one

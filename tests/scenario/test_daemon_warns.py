@@ -24,6 +24,7 @@ def done(instrument: Callable[..., Any]) -> Any:
     one.wait_for_slow_answers()
     one.config["protocol"].update(calibration_shifts_px=[[0, 0], [6, 0], [0, 6], [-6, 0], [0, -6]], loads_n=[600])
     code, printed = one.run()
+    one.end_bench()
     assert code == 0, printed
     return one
 
