@@ -7,7 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,9 +33,8 @@ from sidebyside.table import Row, rows
 
 from ..waiting import RUN_END_S
 
-SHORTER = {"replay": ["--from-disparity"], "simulate": ["--frames", "0"], "score": ["--json"], "diagnose": ["--json"]}
-"""So that the complete demo takes half a minute; with images and all frames the tutorial and test_cli_simulate do it. Score and diagnosis
-are printed as JSON, which other tests need too; the demo itself prints its score as a table, and test_cli_diagnose reads a diagnosis."""
+SHORTER = {"replay": ["--from-disparity"], "simulate": ["--frames", "0"]}
+"""So that the complete demo takes half a minute; with images and all frames the tutorial and test_cli_simulate do it."""
 SLOW = re.compile(r"diagnose|experiment decide|replay.* --model|report|simulate.* --from|.* (?:my-|runs/|test\.tif)")
 """Run from top to bottom of the tutorial and of the first experiment, of short logs in test_cli_diagnose, or by test_pages."""
 PAGES = Path(__file__).parents[2] / "docs"
@@ -64,30 +63,6 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return Demo(folder, " ".join(done.stderr.split()), json.loads(done.stdout))
-
-
-@dataclass(frozen=True)
-class Typed:
-    """What a command line gave."""
-
-    exit_code: int
-    stdout: str
-    message: str
-
-
-@pytest.fixture(scope="module")
-def typed_once() -> Callable[[Sequence[str]], Typed]:
-    """Runs a command line, once for all tests that need what it prints: a diagnosis of the log takes ten seconds."""
-    done: dict[tuple[str, ...], Typed] = {}
-
-    def run(words: Sequence[str]) -> Typed:
-        key = tuple(words)
-        if key not in done:
-            ran = CliRunner().invoke(app, list(words))
-            done[key] = Typed(ran.exit_code, ran.stdout, f"{ran.output} {ran.exception}")
-        return done[key]
-
-    return run
 
 
 def test_the_short_demo_runs_to_its_table(demo: Demo) -> None:
@@ -134,13 +109,7 @@ def test_others_read_its_log_and_every_panel_of_the_layout_shows_something(demo:
 @pytest.mark.checkout
 @pytest.mark.parametrize(("page", "which"), [("tutorials/first-run.md", ".*"), ("how-to/first-experiment.md", ".* runs/al2024-01.*")])
 def test_what_a_page_does_with_a_run_can_be_done(
-    page: str,
-    which: str,
-    demo: Demo,
-    tmp_path: Path,
-    semlive: Callable[..., tuple[int, str, str]],
-    typed_once: Callable[[Sequence[str]], Typed],
-    monkeypatch: pytest.MonkeyPatch,
+    page: str, which: str, demo: Demo, tmp_path: Path, semlive: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs").mkdir()
@@ -149,19 +118,12 @@ def test_what_a_page_does_with_a_run_can_be_done(
     lines = re.findall(rf"^ {{4}}semlive ({which})$", (PAGES / page).read_text(encoding="utf-8"), re.MULTILINE)
     assert len(lines) >= 2
     for line in lines:
-        if line.startswith("diagnose "):
-            name, log = line.split()
-            ran = typed_once([name, str(Path(log).resolve()), *SHORTER[name]])
-            code, err = ran.exit_code, ran.message
-        else:
-            code, _, err = semlive(*line.split())
+        code, _, err = semlive(*line.split())
         assert code == 0, f"{line}: {err}"
 
 
 @pytest.mark.checkout
-def test_what_the_pages_show_can_be_done_with_its_log(
-    demo: Demo, tmp_path: Path, typed_once: Callable[[Sequence[str]], Typed], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_pages_show_can_be_done_with_its_log(demo: Demo, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     log, (first, second, *_) = demo.folder / "log" / "demo", sorted((demo.folder / "instrument" / "export").glob("*.tif"))
     places = {"LOG": log, "FILE": first, "REF": first, "CUR": second, "SCENARIO": "short", "CONFIG": demo.folder / "run.yaml"}
@@ -180,20 +142,19 @@ def test_what_the_pages_show_can_be_done_with_its_log(
         words += ["-o", "OUT"] if name == "export" and "-o" not in words else []
         typed.setdefault((name, *words, *SHORTER.get(name, [])), line)
     for number, (words, line) in enumerate(typed.items()):
-        folder = str(demo.folder / "figures") if words[0] == "score" else f"out{number}"
-        ran = typed_once([folder if word in ("OUT", "FOLDER") else word for word in words])
-        assert ran.exit_code == 0, f"{line}: {ran.message}"
+        ran = CliRunner().invoke(app, [f"out{number}" if word in ("OUT", "FOLDER") else word for word in words])
+        assert ran.exit_code == 0, f"{line}: {ran.output} {ran.exception}"
     done = {"diagnose", "report", *(words[0] for words in typed)}
     assert done == set(ON_A_LOG)
 
 
 @pytest.fixture(scope="module")
-def scored(demo: Demo, typed_once: Callable[[Sequence[str]], Typed]) -> dict[str, dict[str, Any]]:
+def scored(demo: Demo) -> dict[str, dict[str, Any]]:
     """What ``semlive score --json`` prints."""
     log, truth = demo.folder / "log" / "demo", demo.folder / "instrument" / "truth.json"
     figures = demo.folder / "figures"
-    done = typed_once(["score", str(log), "--truth", str(truth), "--figures", str(figures), *SHORTER["score"]])
-    assert done.exit_code == 0, done.message
+    done = CliRunner().invoke(app, ["score", str(log), "--truth", str(truth), "--json", "--figures", str(figures)])
+    assert done.exit_code == 0, f"{done.output} {done.exception}"
     assert len(list(figures.glob("score-*.png"))) == 4
     return json.loads(done.stdout)
 
@@ -243,10 +204,10 @@ def test_the_paper_is_matched_in_what_a_short_run_can_show(demo: Demo) -> None:
     assert (error_px / sigma_px).max() < 4.5
 
 
-def test_every_recorded_json_key_is_still_printed(demo: Demo, typed_once: Callable[[Sequence[str]], Typed]) -> None:
+def test_every_recorded_json_key_is_still_printed(demo: Demo) -> None:
     recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
     for name, arguments in commands(demo.folder).items():
-        output = typed_once(arguments).stdout
+        output = CliRunner().invoke(app, arguments).stdout
         missing = sorted(set(recorded.pop(name)) - set(printed(output)))
         assert missing == [], f"semlive {name}: keys are missing"
     assert recorded == {}
