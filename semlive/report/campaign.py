@@ -100,11 +100,12 @@ def process_pool(count: int | None = None) -> Iterator[Executor]:
     """Processes of this machine, one for each core, each with one thread for its numerics."""
     # The limit is set in the processes, not in the environment of this one: Numba reads it again whenever it compiles.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(count or os.cpu_count(), mp_context=context, initializer=_use_one_thread) as pool:
+    with ProcessPoolExecutor(count or os.cpu_count(), mp_context=context, initializer=use_one_thread) as pool:
         yield pool
 
 
-def _use_one_thread() -> None:
+def use_one_thread() -> None:
+    """Limit kernels and linear algebra of this process to one thread: the start of a process of a pool."""
     os.environ["NUMBA_NUM_THREADS"] = "1"
     update_thread_count()
     limit_blas_threads()

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import os
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 from numexp.coverage import SMALL, Normalised, coverages, normalised, table
+
+from semlive.report.campaign import use_one_thread
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "estimation.md"
 BEGIN, END = "<!-- bench_coverage: begin -->", "<!-- bench_coverage: end -->"
@@ -48,14 +49,12 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="folder where each experiment is kept")
     parser.add_argument("--write", action="store_true", help="write the table into the documentation whatever it covers")
     given = parser.parse_args()
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # read by the processes that are spawned next
     if given.keep:
         given.keep.mkdir(parents=True, exist_ok=True)
     jobs = [(case, FIRST_SEED + number, given.keep) for number in range(given.experiments) for case in given.cases]
     results: dict[str, list[Normalised]] = {case: [] for case in given.cases}
     begin = time.perf_counter()
-    with multiprocessing.get_context("spawn").Pool(given.processes) as pool:
+    with multiprocessing.get_context("spawn").Pool(given.processes, initializer=use_one_thread) as pool:
         for done, (case, found) in enumerate(pool.imap_unordered(run, jobs, chunksize=4), 1):
             results[case].append(found)
             sys.stderr.write(f"\r{done}/{len(jobs)} {time.perf_counter() - begin:.0f} s   ")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import os
 import sys
 import time
 from functools import lru_cache
@@ -21,6 +20,8 @@ from numexp.experiment import Experiment, make_experiment
 from numexp.measure import Measured, measure
 from numexp.methods import METHODS
 from numexp.table import Results, table
+
+from semlive.report.campaign import use_one_thread
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "estimation.md"
 BEGIN, END = "<!-- bench_estimate: begin -->", "<!-- bench_estimate: end -->"
@@ -81,12 +82,10 @@ def main() -> None:
     if given.keep:
         given.keep.mkdir(parents=True, exist_ok=True)
     results: Results = {}
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # read by the processes that are spawned next
     begin = time.perf_counter()
     if given.so_far:
         results, jobs = _so_far(given.keep, given.cases, methods), []
-    with multiprocessing.get_context("spawn").Pool(given.processes) as pool:
+    with multiprocessing.get_context("spawn").Pool(given.processes, initializer=use_one_thread) as pool:
         for done, (job, found) in enumerate(pool.imap_unordered(run, jobs), 1):
             for key, measured in found.items():
                 results.setdefault(key, []).extend(measured)

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import os
 import resource
 import sys
 import textwrap
@@ -38,6 +37,7 @@ from semlive.data.grid import Grid
 from semlive.data.settings import AnalysisSettings, EstimateSettings
 from semlive.estimate.joint.elimination.smoother import pair_covariances
 from semlive.estimate.joint.solution.solver import selection_due
+from semlive.report.campaign import use_one_thread
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "validation" / "estimation.md"
 BEGIN, END = "<!-- bench_estimate_scale: begin -->", "<!-- bench_estimate_scale: end -->"
@@ -188,9 +188,7 @@ def main() -> None:
     parser.add_argument("--live", action="store_true", help="measure what follows a correlation in a live run")
     parser.add_argument("--anew", action="store_true", help="also solve the complete run without the results stored from pair to pair")
     given = parser.parse_args()
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")  # read by the process that is spawned next
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
+    with multiprocessing.get_context("spawn").Pool(1, initializer=use_one_thread) as pool:
         lines = pool.apply(live_table, (given.pairs,)) if given.live else pool.apply(table, (given.pairs, given.anew, given.step))
     sys.stdout.write("\n".join(lines) + "\n")
     if given.write:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import os
 import runpy
 import sys
 import types
@@ -98,12 +99,18 @@ def test_every_benchmark_has_an_entry() -> None:
 def test_the_smallest_run_comes_to_its_end(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """So small a run may miss a bar, which is the code 1; it must not break."""
     monkeypatch.setattr(sys, "argv", [name, *(str(tmp_path) if word == "FOLDER" else word for word in RUNS[name])])
+    limits = limits_of_threads()
     try:
         runpy.run_path(str(BENCHMARKS / f"{name}.py"), run_name="__main__")
         code: object = 0
     except SystemExit as end:
         code = end.code
     assert code in (None, 0, 1)
+    assert limits_of_threads() == limits  # they would be those of all later tests of this process
+
+
+def limits_of_threads() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name.endswith("_NUM_THREADS")}
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

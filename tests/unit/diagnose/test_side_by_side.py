@@ -7,14 +7,9 @@ import threading
 import pytest
 
 from semlive.diagnose.parallel import parallel_map
-from semlive.kernels import threads
-
-from ...waiting import wait_until
 
 
 def test_results_have_the_order_of_their_requests() -> None:
-    # A helper thread that another test of this process has not ended would take the place of the one needed here.
-    wait_until(lambda: not threads._helping, 60.0)
     second = threading.Event()
 
     def work(number: int) -> int:
