@@ -15,7 +15,6 @@ from semlive.data.frame import FrameInfo
 from semlive.errors import BadInput
 from semlive.inputs.files import read_regular
 from semlive.inputs.json_text import parse_json
-from semlive.kernels.splines.cubic_surface import TERMS, evaluate_cubic_surface
 
 Field = NDArray[np.float64]
 _VISITS = 64  # samples of the drift of a frame; cubic interpolation between them is exact to 1e-9 px for drift over minutes
@@ -51,7 +50,7 @@ class Truth:
         frames: true frames by name of the exported file.
         start_ns: origin of the drift's time, UTC ns.
         drift: (2,) drift in px as a function of seconds since then.
-        distortion: knots along y and x, and (2, ny, nx) coefficients of the distortion E(R) in px along x and y.
+        distortion_px: distortion E(R) along x and y over (y, x).
     """
 
     youngs_modulus_gpa: float
@@ -60,7 +59,7 @@ class Truth:
     frames: Mapping[str, TrueFrame]
     start_ns: int
     drift: CubicSpline
-    distortion: tuple[Field, Field, Field]
+    distortion_px: tuple[RectBivariateSpline, RectBivariateSpline]
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Truth:
@@ -85,7 +84,7 @@ class Truth:
                 frames,
                 start_ns,
                 CubicSpline(time_s, np.stack((drift["dx_px"], drift["dy_px"]), axis=1)),
-                _surface(bend),
+                (_surface(bend, "ex_px"), _surface(bend, "ey_px")),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise BadInput(f"the truth file is incomplete ({error}); give the truth.json that the simulator wrote") from error
@@ -106,8 +105,7 @@ class Truth:
 
     def distortion_at(self, address_px: Field) -> Field:
         """(..., 2) distortion E in px at scan addresses (..., 2)."""
-        x_px, y_px = np.ascontiguousarray(np.moveaxis(address_px, -1, 0).reshape(2, -1))
-        return evaluate_cubic_surface(*self.distortion, y_px, x_px).reshape(address_px.shape)
+        return np.stack([spline.ev(address_px[..., 1], address_px[..., 0]) for spline in self.distortion_px], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,9 +181,5 @@ def _drift_of(truth: Truth, info: FrameInfo, address_px: Field) -> Field:
     return np.asarray(CubicSpline(sampled_s, mean_px)(address_px[..., 0] * dwell_s + address_px[..., 1] * frame.row_time_s))
 
 
-def _surface(bend: Mapping[str, Any]) -> tuple[Field, Field, Field]:
-    x_px, y_px = np.asarray(bend["x_px"]), np.asarray(bend["y_px"])
-    along_x, along_y = (RectBivariateSpline(y_px, x_px, np.asarray(bend[name])) for name in ("ex_px", "ey_px"))
-    knots_y, knots_x = along_x.get_knots()  # those of both
-    shape = (len(knots_y) - TERMS, len(knots_x) - TERMS)
-    return knots_y, knots_x, np.stack([spline.get_coeffs().reshape(shape) for spline in (along_x, along_y)])
+def _surface(bend: Mapping[str, Any], name: str) -> RectBivariateSpline:
+    return RectBivariateSpline(np.asarray(bend["y_px"]), np.asarray(bend["x_px"]), np.asarray(bend[name]))
