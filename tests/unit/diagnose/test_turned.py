@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from semlive.data.diagnosis.effects import Outcome, ParameterEstimate
 from semlive.data.diagnosis.two_runs import TwoRunVerdict
 from semlive.data.grid import Grid
-from semlive.data.settings import EstimateSettings
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.experiments.proposals import ExperimentKind
@@ -34,7 +33,6 @@ from semlive_simulators.microscope.scan import Scan
 Field = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 MOVES = tuple((x, y) for x, y in square_px(150.0))[:9]
 MAP_GRID = Grid(200, 200, 60, 11, 9, 43)
-STEADY = EstimateSettings(drift_knots_per_frame=1.0)  # the drift is quadratic
 ASKEW = replace(SCAN, rotation_rad=math.radians(88.0))
 RADIUS_PX, HALF_PX = 360.0, np.array([511.5, 441.5])
 
@@ -43,7 +41,7 @@ def run(seed: int, effects: tuple[Effect, ...], scan: Scan, bent_like: int | Non
     conditions = Conditions(
         seed, pairs, 0, moves_px=MOVES, stage_error_px=0.2, scan=scan, bent_like=bent_like, of_column=True
     )  # fmt: skip
-    return noise_scaled_baseline(observed(conditions, effects, MAP_GRID, STEADY))
+    return noise_scaled_baseline(observed(conditions, effects, MAP_GRID))
 
 
 def both(seed: int, *effects: Effect, scan: Scan = ASKEW) -> tuple[HyperparameterGrid, HyperparameterGrid]:
