@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from blind.cases import SHORT_PAIRS
 from blind.experiment import Conditions
 from blind.hiding import PROTOTYPE_PX, hidden_effect
 from blind.observing import QUICK, observed
@@ -41,7 +40,7 @@ class MovingWave(Effect):
 
 
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
-    found = diagnose(observed(Conditions(501, *SHORT_PAIRS), (), GRID, QUICK), dictionary=FEW, draws=DRAWS)
+    found = diagnose(observed(Conditions(501), (), GRID, QUICK), dictionary=FEW, draws=DRAWS)
 
     assert found.outcome is Outcome.NONE
     assert found.effects == ()
@@ -50,9 +49,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
 
 @pytest.mark.parametrize("name", ["magnification_drift", "tilt_with_load"])
 def test_a_hidden_effect_is_named_and_closes_the_gap(name: str) -> None:
-    found = diagnose(
-        observed(Conditions(502, *SHORT_PAIRS), hidden_effect(name, 8.0 * PROTOTYPE_PX[name], 1), GRID, QUICK), dictionary=FEW, draws=DRAWS
-    )
+    found = diagnose(observed(Conditions(502), hidden_effect(name, 8.0 * PROTOTYPE_PX[name], 1), GRID, QUICK), dictionary=FEW, draws=DRAWS)
 
     assert found.outcome is Outcome.IDENTIFIED
     assert [one.name for one in found.effects] == [name]
@@ -62,6 +59,6 @@ def test_a_hidden_effect_is_named_and_closes_the_gap(name: str) -> None:
 
 
 def test_what_no_effect_makes_is_not_given_a_name() -> None:
-    found = diagnose(observed(Conditions(503, *SHORT_PAIRS), (MovingWave(),), GRID, QUICK), dictionary=FEW, draws=DRAWS)
+    found = diagnose(observed(Conditions(503), (MovingWave(),), GRID, QUICK), dictionary=FEW, draws=DRAWS)
 
     assert found.outcome is Outcome.UNKNOWN
