@@ -91,7 +91,7 @@ def _wait_until() -> Callable[..., float]:
 
 
 COMPILE = (
-    # Numba makes so many objects that last that looking for garbage takes a tenth of the time.
+    # Numba creates many long-lived objects: garbage collection took a tenth of the time of a compilation.
     (
         "-c",
         "import gc; gc.disable(); from semlive import dic; from semlive.data.settings import DicSettings; dic.warm_up(DicSettings())",

@@ -129,7 +129,7 @@ def _release(endpoints: Iterable[_EndpointLock]) -> None:
         for endpoint in endpoints:
             endpoint.users -= 1
             if endpoint.users == 0:
-                if _LOCKS.get(endpoint.key) is endpoint:
+                if _LOCKS.get(endpoint.key) is endpoint:  # not where a test has removed it and the name is reserved again
                     del _LOCKS[endpoint.key]
                 endpoint.lock.release()
 

@@ -96,7 +96,7 @@ def test_both_axes_give_equal_results(lab, scene, measure):
 
 SCRIPT = """
 import gc
-gc.disable()  # Numba makes so many objects that last that looking for garbage takes a tenth of the time
+gc.disable()  # Numba creates many long-lived objects: garbage collection took a tenth of the time of a compilation
 import sys, numpy as np
 from semlive import dic
 from semlive.data.settings import DicSettings
