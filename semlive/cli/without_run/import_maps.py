@@ -17,6 +17,8 @@ from semlive.errors import BadInput
 from semlive.service.replay.import_maps import ImportRequest, as_json, import_folder
 from semlive.service.replay.import_noise import noise_text
 
+MAX_HOLD_S = 1e6
+
 
 class Engine(StrEnum):
     """DIC programs whose text exports can be read."""
@@ -52,17 +54,23 @@ def import_maps(
     subset_px: Annotated[
         int | None, typer.Option(help="Edge of the subset in px; by default that in the maps, else estimated from their noise.")
     ] = None,
+    hold_s: Annotated[
+        float | None,
+        typer.Option(help="Time from the end of each step to the start of its pair in s; diagnosis assumes 30 without it."),
+    ] = None,
     as_json_object: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Write a log from disparity maps of another DIC program: VIC-2D, DICe, OpenCorr, pyvale, or plain CSV."""
     if subset_px is not None and not 0 <= subset_px < 10_000:
         raise BadInput(f"--subset-px {subset_px}: must be from 0 to 9999; give the edge of the subset in px, or leave the option out.")
+    if hold_s is not None and not 0.0 <= hold_s < MAX_HOLD_S:
+        raise BadInput(f"--hold-s {hold_s:g}: must be from 0 to {MAX_HOLD_S:g}; give the time from the end of a step to its pair in s.")
     try:
         specimen = SpecimenSettings(area_mm2=specimen_area_mm2, loading_axis=loading_axis.value)
     except ValueError as error:
         raise BadInput(f"--specimen-area-mm2 {specimen_area_mm2}: {error}; give the cross-section in mm2.") from error
     regular_output_file(out, "--out")
-    request = ImportRequest(folder, out, specimen, engine.value if engine else None, subset_px)
+    request = ImportRequest(folder, out, specimen, engine.value if engine else None, subset_px, hold_s)
     with progress_bar("importing", "pair") as progress:
         imported = import_folder(request, progress)
     for name in imported.skipped:
@@ -79,3 +87,8 @@ def import_maps(
         f"points {grid.step_px} px apart, from {', '.join(imported.engines)}"
     )
     echo(noise_text(imported.noise, grid.step_px))
+    if hold_s is None:
+        echo(
+            "time from the end of each step to the start of its pair: unknown; diagnosis assumes 30 s, and the amplitudes of creep and of "
+            "transients after steps depend on it; give it with --hold-s"
+        )

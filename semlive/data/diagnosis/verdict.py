@@ -128,6 +128,9 @@ class DiagnosisFigureData:
 
 UNDERRESOLVED = {
     "baseline_drift_underresolved": "the drift varies faster than its knots; its residual was added to the baseline before the search",
+    "baseline_drift_underresolved_in_frames": (
+        "the drift in each frame varies faster than its knots; its residual was added to the baseline before the search"
+    ),
     "baseline_distortion_underresolved": "the distortion is finer than its knots; its residual was added to the baseline before the search",
 }
 """Messages about splines of the baseline that are too coarse, by name."""
@@ -235,8 +238,8 @@ class Diagnosis:
         model_effects: effects that the model contained before the diagnosis.
         figure_data: data for figures; None if no effect was identified in the maps.
         overlap: names of the other candidates, with the fraction of the first map effect that each explains; empty if none was identified.
-        coarse: splines of the baseline that are too coarse for the run, ``baseline_drift_underresolved`` or
-            ``baseline_distortion_underresolved``; their residual was added to the baseline before the search.
+        coarse: splines of the baseline that are too coarse for the run, by their names in `UNDERRESOLVED`; their residual was added to the
+            baseline before the search.
         images: verdicts of the image channels.
         run: extent of the diagnosed run.
         truncated: whether the search for effects ended at the limit of its work, so that effects may be missing.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.diagnose.baseline.design_matrix import DesignMatrix
-from semlive.diagnose.baseline.priors import SMOOTH_DRIFT_PRIORS, DriftPrior
+from semlive.diagnose.baseline.priors import SMOOTH_DRIFT_PRIORS, BaselinePrior, DriftPrior
 from semlive.diagnose.parallel import parallel_map
 from semlive.estimate.joint.elimination.arrowhead import ArrowheadFactor, ComponentBlocks, factorise
 from semlive.estimate.joint.observations.priors import Hyperparameters
@@ -29,7 +29,6 @@ class HyperparameterPoint:
 
     Attributes:
         hyper: the smoothness.
-        prior: (p + r, p + r) prior precision.
         factor: factor of the posterior precision.
         evidence: log marginal likelihood, up to a constant common to all points.
         occam_factor: the Occam factor, the negative part of the evidence due to the prior volume.
@@ -39,7 +38,6 @@ class HyperparameterPoint:
     """
 
     hyper: Hyperparameters
-    prior: Array
     factor: ArrowheadFactor
     evidence: float
     occam_factor: float
@@ -74,6 +72,22 @@ class HyperparameterGrid:
     def best(self) -> HyperparameterPoint:
         """The most likely point."""
         return max(self.points, key=lambda candidate: candidate.evidence)
+
+    @property
+    def best_prior(self) -> Array:
+        """(p + r, p + r) prior precision of the most likely point, assembled at each call: one at every point would take 0.2 GB."""
+        return joint_prior(self.design, *self.best_choice).precision
+
+    @property
+    def best_choice(self) -> tuple[DriftPrior, float]:
+        """Prior of the drift and roughness of the distortion of the most likely point.
+
+        Raises:
+            ValueError: the grid is of joined runs.
+        """
+        if self.best.prior_choice is None:
+            raise ValueError("runs that were joined have no smoothness of one run")
+        return self.best.prior_choice
 
     @property
     def evidence(self) -> float:
@@ -139,10 +153,8 @@ def point_like(columns: DesignMatrix, like: HyperparameterGrid) -> Hyperparamete
     Raises:
         ValueError: the other grid is of joined runs.
     """
-    if like.best.prior_choice is None:
-        raise ValueError("runs that were joined have no smoothness of one run")
     evaluator = _PointEvaluator.of(columns)
-    return HyperparameterGrid(columns, evaluator.residual, (evaluator.point(*like.best.prior_choice),))
+    return HyperparameterGrid(columns, evaluator.residual, (evaluator.point(*like.best_choice),))
 
 
 def with_free_distortion(columns: DesignMatrix) -> HyperparameterGrid:
@@ -178,20 +190,19 @@ class _PointEvaluator:
         return cls(columns, first_solution, residual, columns.transposed(residual[..., None])[:, 0], float(np.sum(residual**2)))
 
     def point(self, drift: DriftPrior, roughness_factor: float) -> HyperparameterPoint:
-        columns, baseline_prior = self.columns, self.columns.priors.prior(drift, roughness_factor)
-        prior = _joint_precision(baseline_prior.precision, columns.sizes_px) if columns.sizes_px.size else baseline_prior.precision
-        volume, own = baseline_prior.half_log_det - float(np.sum(np.log(columns.sizes_px))), columns.priors.components
+        columns, own = self.columns, self.columns.priors.components
+        prior = joint_prior(columns, drift, roughness_factor)
         components = replace(own, shared=np.concatenate((own.shared, np.arange(len(columns.parameter_indices), columns.size))))
         log_prior_density = log_prior(np.array([drift.bend_factor or 1.0]), (1.0, PRIOR_LOG_SD)) + log_prior(
             np.array([roughness_factor]), (1.0, PRIOR_LOG_SD)
         )
         point = evaluate_point(
             columns.normal_matrix,
-            (prior, volume),
+            (prior.precision, prior.half_log_det),
             self.data_gradient,
             self.power,
             self.first_solution,
-            baseline_prior.hyper,
+            prior.hyper,
             float(log_prior_density[0]),
             components,
         )
@@ -202,13 +213,16 @@ class _PointEvaluator:
         return [self.point(drift, roughness_factor) for roughness_factor in DISTORTION_SMOOTHNESS_FACTORS if roughness_factor != 1.0]
 
 
-def _joint_precision(precision: Array, sizes_px: Array) -> Array:
-    """(p + r, p + r) prior precision of the parameters of the baseline and of the amplitudes of effects."""
-    p, r = len(precision), len(sizes_px)
+def joint_prior(columns: DesignMatrix, drift: DriftPrior, roughness_factor: float) -> BaselinePrior:
+    """Prior of the parameters of the baseline and of the amplitudes of its r effects: p + r parameters."""
+    own = columns.priors.prior(drift, roughness_factor)
+    p, r = len(own.precision), len(columns.sizes_px)
+    if not r:
+        return own
     total = np.zeros((p + r, p + r))
-    total[:p, :p] = precision
-    total[range(p, p + r), range(p, p + r)] = sizes_px**-2.0
-    return total
+    total[:p, :p] = own.precision
+    total[range(p, p + r), range(p, p + r)] = columns.sizes_px**-2.0
+    return BaselinePrior(own.hyper, total, own.half_log_det - float(np.sum(np.log(columns.sizes_px))))
 
 
 def evaluate_point(
@@ -239,4 +253,4 @@ def evaluate_point(
     half_gradient = factor.half(posterior_gradient)
     volume = prior[1] - factor.half_log_det
     fit = power + float(first_solution @ prior_gradient) - float(half_gradient @ half_gradient)
-    return HyperparameterPoint(hyper, prior[0], factor, volume - 0.5 * fit + log_prior_density, volume, posterior_gradient, half_gradient)
+    return HyperparameterPoint(hyper, factor, volume - 0.5 * fit + log_prior_density, volume, posterior_gradient, half_gradient)

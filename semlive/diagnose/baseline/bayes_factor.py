@@ -351,7 +351,7 @@ class NullDraws:
         noise = rng.normal(size=(f, b, 2, draws))
         for axis in (0, 1):
             baseline.design.whiten.without_reference(axis, noise[:, :, axis])
-        prior_gradient = np.linalg.cholesky(baseline.best.prior) @ rng.normal(size=(baseline.design.size, draws))
+        prior_gradient = np.linalg.cholesky(baseline.best_prior) @ rng.normal(size=(baseline.design.size, draws))
         gradient = baseline.best.half(baseline.design.transposed(noise) - prior_gradient)
         projected = noise[:, :, 0].reshape(-1, draws), noise[:, :, 1].reshape(-1, draws)
         return cls(projected, gradient)

@@ -116,7 +116,7 @@ def _draw_residuals(baseline_with_effects: HyperparameterGrid, seed: int) -> Arr
     noise = rng.normal(size=(columns.observation.frames, columns.observation.blocks, 2, DRAWS))
     noise -= noise.mean(axis=0)
     gradient = columns.transposed(noise)
-    add_prior_draws(columns, baseline_with_effects.best.prior, gradient, seed)
+    add_prior_draws(columns, baseline_with_effects.best_prior, gradient, seed)
     return noise - columns.apply(baseline_with_effects.best.solve(gradient))
 
 

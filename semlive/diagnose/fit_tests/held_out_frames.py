@@ -92,7 +92,7 @@ def _fit_training_frames(
 
     For a draw, the parameters are the errors of the fit, because the sampled values cancel in every residual.
     """
-    columns, point = baseline.design, baseline.best
+    columns, prior = baseline.design, baseline.best_prior
     f, b = columns.observation.frames, columns.observation.blocks
     gradient = np.zeros((columns.size, data.shape[-1]))
     for axis in (0, 1):
@@ -102,11 +102,11 @@ def _fit_training_frames(
     first_solution = np.concatenate(
         (columns.observation.solution.mean[columns.parameter_indices], np.zeros(columns.size - len(columns.parameter_indices)))
     )
-    gradient[:, 0] -= point.prior @ first_solution
+    gradient[:, 0] -= prior @ first_solution
     # Draws contain drift and distortion sampled from their priors, because the held-out frames do not determine these completely. Without
     # them a wrong row time with a log Bayes factor of 156 seemed to explain 14 % of its misfit, and was rejected.
-    add_prior_draws(columns, point.prior, gradient[:, 1:], seed)
-    factor = cho_factor(normal[: columns.size, : columns.size] + point.prior, lower=True, check_finite=False)
+    add_prior_draws(columns, prior, gradient[:, 1:], seed)
+    factor = cho_factor(normal[: columns.size, : columns.size] + prior, lower=True, check_finite=False)
     last = np.eye(columns.size)[:, len(columns.parameter_indices) :]
     spread = np.asarray(cho_solve(factor, last))[len(columns.parameter_indices) :]
     rows = _drift_within(columns)

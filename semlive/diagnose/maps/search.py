@@ -24,7 +24,7 @@ from semlive.diagnose.maps.effect_selection import (
     reselect_effects,
 )
 from semlive.diagnose.maps.screening import Screening
-from semlive.diagnose.maps.spline_resolution import FINE_DISTORTION, FINE_DRIFT, add_fine_scale_terms, fine_scale_candidates
+from semlive.diagnose.maps.spline_resolution import FINE_SCALE_CLASSES, add_fine_scale_terms, fine_scale_candidates
 from semlive.diagnose.maps.unnamed_fields import UNNAMED_CLASSES
 from semlive.model.effects import EffectClass
 
@@ -34,7 +34,7 @@ MAX_WORK_PER_FRAME = 1.8e10
 rendered frames need 1.6e10, two searches for three effects 1.5e10."""
 EVALUATIONS = 25  # of a basis field, in the refinement of an effect, for each nonlinear parameter
 FEW_COLUMNS_FACTOR = 8.0  # time of a multiplication with the few columns of one field, relative to that with many: it reads all data
-ALL_UNNAMED_CLASSES = (*UNNAMED_CLASSES, FINE_DISTORTION, FINE_DRIFT)
+ALL_UNNAMED_CLASSES = (*UNNAMED_CLASSES, *FINE_SCALE_CLASSES)
 """Candidates that are not reported as effects: unnamed fields, and terms of the baseline finer than its splines."""
 
 

@@ -38,7 +38,7 @@ class JointBaseline:
     def projected(self, basis_fields: Sequence[BasisField]) -> ProjectedField:
         """Project a basis field, given for each run, on the data of all runs."""
         q = basis_fields[0].field_px.shape[-1]
-        alone, gradient, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.point.prior), q))
+        alone, gradient, shared = np.zeros((q, q)), np.zeros(q), np.zeros((len(self.point.gradient), q))
         for run, residual, place, basis_field in zip(self.runs, self.residuals, self.place, basis_fields, strict=True):
             white = run.design.whiten(basis_field.field_px)
             flat = white.reshape(-1, q)
@@ -80,7 +80,7 @@ def _joined(runs: Sequence[HyperparameterGrid], prior_run: int) -> JointBaseline
         step[own] = starts[0][distortion_parameters[0]] - start[own]
         residual.append(run.whitened_residual - run.design.apply(step[:, None])[..., 0])
         normal[np.ix_(at, at)] += run.design.normal_matrix
-        own_prior = run.best.prior.copy()
+        own_prior = run.best_prior.copy()
         if number != prior_run:
             own_prior[np.ix_(own, own)] = 0.0
         prior[np.ix_(at, at)] += own_prior

@@ -13,13 +13,16 @@ from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
 from semlive.data.diagnosis.effects import EMPTY_MODEL, ModelEffect, Outcome
 from semlive.data.diagnosis.verdict import Diagnosis, ExperimentForecast
 from semlive.data.pair import PairDecision
-from semlive.diagnose.baseline.model_effects import observable_effects
+from semlive.diagnose.baseline.baseline import HyperparameterGrid
+from semlive.diagnose.baseline.model_effects import add_model_effects, observable_effects
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import HOLD_S, Observation, StepConditions, baseline_solution, make_observation, step_conditions
 from semlive.diagnose.combine import add_intensity_verdict, add_map_wave_verdict, add_row_verdict
 from semlive.diagnose.experiments.forecast import forecast_experiments
 from semlive.diagnose.experiments.proposals import ranked
 from semlive.diagnose.fit_tests.adequacy import adequacy_of
 from semlive.diagnose.intensity.verdict import diagnose_intensity
+from semlive.diagnose.maps.relinearise import choose_coupling
 from semlive.diagnose.maps.verdict import diagnose
 from semlive.diagnose.rows.map_series import map_series, wave_fields
 from semlive.diagnose.rows.map_waves import diagnose_map_waves
@@ -39,7 +42,7 @@ from semlive.service.diagnosis.long_runs import coarser_drift, pair_count, thinn
 from semlive.service.diagnosis.model_file import pixel_size_um
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.pairs import LogNotes, Maps, pairs_with_maps, topic_counts
-from semlive.service.log.settings import settings_of
+from semlive.service.log.settings import IMPORTED, settings_of
 from semlive.service.runtime.blas import limit_blas_threads
 
 MAX_BLOCKS = 300  # with 594, a verdict of three effects took 218 s and 2.7 GB; effects vary slowly over one in 300 parts of the field
@@ -83,12 +86,22 @@ def diagnose_log(
     verdict = add_stage_evidence(verdict, stage_moves(observation, steps))
     if verdict.experiment is not None:
         verdict = replace(verdict, experiment=ranked(verdict.experiment, forecast_experiments(observation, verdict, model_effects)))
-    readings = load_readings(observation, steps, settings.specimen.loading_axis)
+    readings = load_readings(observation, steps, settings.specimen.loading_axis, _with_effects(observation, verdict))
     verdict = add_load_cell_evidence(verdict, readings)
     verdict = add_gage_evidence(verdict, gage_readings(readings, steps, settings.specimen.gage_factor_sigma))
     if notes.sem_clock is not None:
         verdict = add_clock_evidence(verdict, notes.sem_clock.offset_s - settings.scan.clock_offset_s, notes.sem_clock.sigma_s)
     return _with_images(_with_map_waves(verdict, observation), rows, grey), observation
+
+
+def _with_effects(observation: Observation, verdict: Diagnosis) -> HyperparameterGrid | None:
+    """Baseline with the effects of the maps, those of the model included; None without any, or without a load that they could disturb."""
+    effects = [*verdict.model_effects, *(effect.model_effect for effect in verdict.effects)]
+    of_maps = observable_effects(observation, [effect for effect in effects if non_map_effect(effect.name) is None])
+    if not of_maps or not observation.geometry.steps.loaded.any():
+        return None
+    chosen = choose_coupling(observation, (), of_maps).observation
+    return add_model_effects(noise_scaled_baseline(chosen), of_maps)[0]
 
 
 def _with_map_waves(verdict: Diagnosis, observation: Observation) -> Diagnosis:
@@ -200,7 +213,7 @@ def _pixel_um(log: OpenedLog, pairs: Sequence[PairDecision]) -> float | None:
 
 
 def _hold_s(run: RunMessage) -> float:
-    """Configured hold time before the pairs of a run, s, or that of Sutton et al. (2007)."""
-    protocol = run.config.get("protocol")
-    hold = protocol.get("hold_s") if isinstance(protocol, dict) else None
+    """Hold time before the pairs of a run, s, as configured or given with an import; otherwise that of Sutton et al. (2007)."""
+    section = run.config.get("protocol", run.config.get(IMPORTED))
+    hold = section.get("hold_s") if isinstance(section, dict) else None
     return float(hold) if isinstance(hold, int | float) else HOLD_S

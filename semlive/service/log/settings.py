@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from semlive.data.settings import AnalysisSettings, EstimateSettings, SpecimenSettings
 from semlive.errors import BadLog
@@ -48,6 +48,7 @@ class ImportSection(BaseModel):
     folder: str
     engines: tuple[str, ...]
     noise: ImportNoise | None = None
+    hold_s: float | None = Field(default=None, ge=0)
 
 
 class ImportConfig(BaseModel):

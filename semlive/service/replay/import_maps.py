@@ -55,6 +55,7 @@ class ImportRequest:
         specimen: properties of the specimen.
         dialect: file format of the maps; None detects it from the header of each file.
         subset_px: edge of the subset of the DIC program, px; None takes the value in the files, or else an estimate from their noise.
+        hold_s: time from the end of the step to the start of each pair, s; None if it is unknown.
     """
 
     folder: Path
@@ -62,6 +63,7 @@ class ImportRequest:
     specimen: SpecimenSettings = field(default_factory=SpecimenSettings)
     dialect: str | None = None
     subset_px: int | None = None
+    hold_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +217,8 @@ def _check_overwriting(log: Path) -> None:
 
 def _run(request: ImportRequest, engines: tuple[str, ...], first: FrameRow, noise: ImportNoise) -> RunMessage:
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", request.folder.resolve().name).strip("-.") or "imported"
-    config = ImportConfig(imported=ImportSection(folder=str(request.folder), engines=engines, noise=noise), specimen=request.specimen)
+    section = ImportSection(folder=str(request.folder), engines=engines, noise=noise, hold_s=request.hold_s)
+    config = ImportConfig(imported=section, specimen=request.specimen)
     return RunMessage(
         run=name,
         started_time_ns=_ns(first.start_s),
@@ -292,4 +295,5 @@ def as_json(request: ImportRequest, done: ImportSummary) -> dict[str, object]:
         "from": list(done.engines),
         "left_out": list(done.skipped),
         "noise": done.noise.model_dump(mode="json"),
+        "hold_s": request.hold_s,
     }

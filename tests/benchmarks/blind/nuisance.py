@@ -19,11 +19,19 @@ SUBSET_PX = 43
 BIAS = "bias of the correlation"
 WALK_PX = 0.002, 0.01
 """Per root of a second: 0.16 to 0.8 px in 6500 s."""
+SLOW_S, FAST_S = 300.0, 10.0
+"""Shortest period of a walk: longer than a frame, and of 90 rows."""
+SPAN_S = 20_000.0, 8_000.0
 
 
 def _walking(plain: Conditions, rng: Rng) -> Conditions:
-    walk = RandomWalkDrift(float(rng.uniform(*WALK_PX)), 20_000.0, 300.0, plain.seed)
-    return replace(plain, sway=(walk,))
+    return replace(plain, sway=(RandomWalkDrift(float(rng.uniform(*WALK_PX)), SPAN_S[0], SLOW_S, plain.seed),))
+
+
+def _walking_within_frames(plain: Conditions, rng: Rng) -> Conditions:
+    """Points are means over subsets, as real ones: a walk would displace the rows of a subset differently."""
+    walk = RandomWalkDrift(float(rng.uniform(*WALK_PX)), SPAN_S[1], FAST_S, plain.seed)
+    return replace(plain, sway=(walk,), subset_px=SUBSET_PX)
 
 
 NUISANCES: dict[str, Callable[[Conditions, Rng], Conditions]] = {
@@ -36,6 +44,7 @@ NUISANCES: dict[str, Callable[[Conditions, Rng], Conditions]] = {
     "lost regions": lambda plain, rng: replace(plain, lost_px=float(rng.uniform(60.0, 150.0)), missing=0.05, outliers=0.005),
     "stage errors": lambda plain, rng: replace(plain, stage_error_px=4.0),
     "walking drift": _walking,
+    "walk within frames": _walking_within_frames,
     BIAS: lambda plain, rng: replace(plain, bias_px=0.001),
     "short plan": lambda plain, rng: replace(plain, calibration=6, tension=6),
     "long plan": lambda plain, rng: replace(plain, calibration=9, tension=16),

@@ -20,7 +20,9 @@ from semlive.formats.log.conversions import pair_decision
 from semlive.formats.log.maps import decode_map
 from semlive.formats.log.messages import DIC_MAP, PairMessage, from_json
 from semlive.service.analysis.result_json import result_json
+from semlive.service.diagnosis.run import load_observation
 from semlive.service.log.files import messages
+from semlive.service.log.opened_log import OpenedLog
 from semlive.service.replay.import_maps import ImportRequest, import_folder
 from semlive.service.replay.replay import ReplayRequest, replay
 
@@ -191,3 +193,18 @@ def test_the_source_of_the_noise_correlation_is_printed_and_stored(semlive: Seml
         "own_fraction": None,
         "maps": 0,
     }
+
+
+def test_the_hold_before_the_pairs_is_stored_or_stated_to_be_assumed(semlive: Semlive, folder: Path, tmp_path: Path) -> None:
+    code, out, _ = semlive("import", str(folder), "-o", str(tmp_path / "unknown.mcap"))
+    assert code == 0
+    assert "diagnosis assumes 30 s" in " ".join(out.split())
+    log = tmp_path / "given.mcap"
+    code, out, _ = semlive("import", str(folder), "-o", str(log), "--hold-s", "75")
+    assert code == 0
+    assert "assumes" not in out
+    since_step_s = load_observation(OpenedLog(log)).geometry.steps.since_step_s
+    assert since_step_s[::2] == pytest.approx(75.0)
+    code, _, err = semlive("import", str(folder), "-o", str(log), "--hold-s", "-1")
+    assert code == 2
+    assert "--hold-s -1: must be from 0" in err
