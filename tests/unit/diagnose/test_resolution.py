@@ -7,7 +7,7 @@ import pytest
 from blind.cases import CONFOUNDED, GRID, Case
 from blind.experiment import Conditions
 from blind.hiding import hidden_effect
-from blind.observing import observed
+from blind.observing import QUICK, observed
 
 from semlive.data.diagnosis.effects import ModelEffect, Outcome
 from semlive.data.diagnosis.verdict import Diagnosis
@@ -19,6 +19,7 @@ from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.priors import DriftPrior
 from semlive.diagnose.fit_tests.cross_validation import held_out_misfit
 from semlive.diagnose.maps.refinement import refined
+from semlive.diagnose.maps.spline_resolution import fine_scale_candidates
 from semlive.diagnose.maps.verdict import diagnose
 from semlive_simulators.effects.drift import BaselineDistortionUnderresolved, RandomWalkDrift
 from semlive_simulators.effects.interfaces import Effect
@@ -62,6 +63,15 @@ def test_a_drift_that_wanders_faster_than_its_knots_is_no_effect() -> None:
     """Its waves of 62 s, between knots 32 s apart, were named an oscillation."""
     found = diagnose(Case(CONFOUNDED, ("random_walk_drift",), 1.0, 22_003).observed(), draws=DRAWS)
     assert (found.outcome, found.effects, found.coarse) == (Outcome.NONE, (), ("baseline_drift_underresolved",))
+
+
+def test_a_drift_that_walks_within_frames_is_followed_in_each_frame() -> None:
+    """Waves over the run followed only periods above 1.25 knots, and the rest of such a walk was identified as a jump."""
+    walk, points = RandomWalkDrift(0.01, 3_300.0, 15.0, 7), Grid(101, 101, 45, 17, 14, 43)
+    walked = noise_scaled_baseline(observed(Conditions(71, subset_px=43), (walk,), points, QUICK))
+    assert wandering(walked) > 0.0
+    scored = {item.family.name: item.log_factor for item in score_candidates(walked, fine_scale_candidates(walked))}
+    assert scored["baseline_drift_underresolved_in_frames"] > scored["baseline_drift_underresolved"] + 50.0
 
 
 def test_an_effect_is_named_next_to_a_drift_that_wanders() -> None:
