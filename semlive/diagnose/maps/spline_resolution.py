@@ -45,8 +45,9 @@ def _fine_drift(scene: RunGeometry, values: Values) -> BasisField:
 def _fine_drift_of_frames(scene: RunGeometry, values: Values) -> BasisField:
     """Cosines over the time of each frame by itself, with amplitudes proportional to the period as in a random walk.
 
-    The longest is finer than the spline, the shortest alternates between neighbouring rows of blocks. Waves over the complete run followed a
-    random walk of 0.044 px in a frame of 120 s less well (log Bayes factors of 289 and 559), and its rest was identified as a jump.
+    The longest is finer than the spline, the shortest alternates between neighbouring rows of blocks. Waves over the complete run
+    followed a random walk of 0.044 px in a frame of 120 s less well (log Bayes factors of 289 and 559), and its rest was identified as a
+    jump.
     """
     del values
     duration_s = float(np.ptp(scene.time_in_frame_s, axis=1).max())
