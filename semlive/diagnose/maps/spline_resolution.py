@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 SIZES_PX = (3e-4, 1.0)
 # Periods in knots: a cubic spline follows a wave of two knots not at all and a wave of four by nine tenths; shorter ones are row effects.
 DRIFT_KNOTS = (1.25, 4.0)
-MAX_RATES = 100  # four amplitudes each
+MAX_RATES = 150  # four amplitudes each
 MAX_FRAME_COLUMNS = 800
 DISTORTION_KNOTS, MIN_WAVE_BLOCKS = 2.3, 2.0  # longest wave finer than the spline, in knots, and shortest observable wave, in blocks
 
