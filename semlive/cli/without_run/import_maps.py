@@ -17,7 +17,7 @@ from semlive.errors import BadInput
 from semlive.service.replay.import_maps import ImportRequest, as_json, import_folder
 from semlive.service.replay.import_noise import noise_text
 
-MAX_HOLD_S = 1e6
+MAX_HOLD_S = 1e6  # twelve days; a longer time has another unit
 
 
 class Engine(StrEnum):

@@ -75,7 +75,7 @@ class PriorCache:
         parameters: (p,) joint parameters of the estimator contained in the baseline.
         components: component blocks of these parameters.
         gauge: (p, p) precision independent of the smoothness.
-        drifts: precisions of the drift; they save a seventh of the time of a verdict. Complete precisions took 0.4 GB.
+        drifts: precisions of the drift alone; storing them saves a seventh of the time of a verdict. Complete ones took 0.4 GB.
         first: the complete precision of the first prior, which differs from the others of the same distortion in the drift only.
         half_log_dets: half the log determinants of the parts of a prior, which are independent of each other. There are three
             distortions for a dozen drifts; factorising each combination took a twelfth of the time of a verdict.
@@ -147,8 +147,9 @@ class PriorCache:
         part = self._part("drift")
         if drift not in self.drifts:
             precision = self._complete(drift, self._hyper(drift, 1.0))
+            if not self.first:  # before the drift, which another thread may find at once
+                self.first.append(precision)
             self.drifts[drift] = precision[part, part].copy()
-            self.first.extend([] if self.first else [precision])
         precision = self.first[0].copy()
         precision[part, part] = self.drifts[drift]
         return precision

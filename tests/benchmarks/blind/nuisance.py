@@ -22,6 +22,7 @@ WALK_PX = 0.002, 0.01
 SLOW_S, FAST_S = 300.0, 10.0
 """Shortest period of a walk: longer than a frame, and of 90 rows."""
 SPAN_S = 20_000.0, 8_000.0
+"""Time after which a slow and a fast walk are mirrored, beyond the end of a run; the number of waves is proportional to it."""
 
 
 def _walking(plain: Conditions, rng: Rng) -> Conditions:
@@ -29,7 +30,7 @@ def _walking(plain: Conditions, rng: Rng) -> Conditions:
 
 
 def _walking_within_frames(plain: Conditions, rng: Rng) -> Conditions:
-    """Points are means over subsets, as real ones: a walk would displace the rows of a subset differently."""
+    """A drift that walks within frames; points are means over subsets, because it displaces the rows of a subset differently."""
     walk = RandomWalkDrift(float(rng.uniform(*WALK_PX)), SPAN_S[1], FAST_S, plain.seed)
     return replace(plain, sway=(walk,), subset_px=SUBSET_PX)
 
