@@ -20,6 +20,7 @@ from semlive.diagnose.maps.term_rivals import TermRival, rival_after, rival_note
 from semlive.estimate import Solution
 from semlive.estimate.joint.outputs.stage_path import stage_path_notes
 from semlive.estimate.method import MethodSolution
+from semlive.model.effects.rows import wave_frequencies_hz
 from semlive.pipeline.accumulation import solve
 from semlive.pipeline.correction import correct_all
 from semlive.pipeline.elastic import fit_elastic_with_reason
@@ -54,7 +55,8 @@ def residual_notes(state: AnalysisState, summaries: Sequence[StrainSummary] = ()
         state: of the run.
         summaries: mean strains of the frames; by default the newest reported ones.
     """
-    test = adequacy_after(state.solution, state.pairs) if isinstance(state.solution, Solution) else None
+    modelled_hz = wave_frequencies_hz(state.settings.model.effects)
+    test = adequacy_after(state.solution, state.pairs, modelled_hz) if isinstance(state.solution, Solution) else None
     if test is None:
         return ()
     reported = summaries or [frame.summary for frame in state.reported.values()]

@@ -136,9 +136,9 @@ class DomainTest:
     """Test of the residual in one domain.
 
     Attributes:
-        domain: disparity maps: space, row, row_start, scan_time, frame, load or fraction; row channel: row_waves, row_common and
-            map_waves; stage: moves; load cell: load_readings; strain gage: gage_readings; grey levels: intensity, which has no
-            displacement.
+        domain: disparity maps: space, row, row_start, scan_time, frame, load, fraction or spatial_lines, which is tested with all effects;
+            row channel: row_waves, row_common and map_waves; stage: moves; load cell: load_readings; strain gage: gage_readings; grey
+            levels: intensity, which has no displacement.
         p_value: family-wise, over all domains.
         rms_px: root mean square of the residual in the domain.
     """

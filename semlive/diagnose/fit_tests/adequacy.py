@@ -33,6 +33,7 @@ from semlive.diagnose.baseline.observation import MIN_PAIRS, Observation, evalua
 from semlive.diagnose.baseline.unequal_noise import unequal_noise
 from semlive.diagnose.baseline.whitening import Whitener
 from semlive.diagnose.fit_tests.domain_tests import MIN_RELATIVE_EIGENVALUE, domain_contrasts, fraction_waves
+from semlive.diagnose.fit_tests.spatial_lines import SPATIAL_LINES, spatial_line_test
 from semlive.estimate.joint.observations.normal_equations import map_columns
 from semlive.estimate.joint.solution.posterior import Solution
 from semlive.model.effects import RunGeometry
@@ -55,7 +56,8 @@ class Adequacy:
 
     Attributes:
         pairs: number of pairs.
-        where: test of each domain; p-values are corrected for the number of domains of this test.
+        where: test of each domain; p-values are corrected for the number of domains of this test. The test for waves over the field comes
+            last, with a correction of its own: it has no alarm that noise causes (`MIN_PROMINENCE`).
         field_px: longest edge of the measured field, px.
     """
 
@@ -115,32 +117,43 @@ _DOMAIN_TEXT = {
     "frame": "the frame",
     "load": "the load",
     "fraction": "the fraction of a pixel",
+    SPATIAL_LINES: "waves over the field",
 }
 
 
-def adequacy_after(solution: Solution, decisions: Sequence[PairDecision]) -> Adequacy | None:
+def adequacy_after(solution: Solution, decisions: Sequence[PairDecision], modelled_hz: Sequence[float] = ()) -> Adequacy | None:
     """Test the residual of an estimate; None with too few pairs or points, or more pairs than one matrix holds.
 
     Args:
         solution: solution of the joint method after the newest pair.
         decisions: decisions of all pairs.
+        modelled_hz: frequencies of waves in the model.
     """
-    return evaluate_estimate(solution, decisions, adequacy_of)
+    return evaluate_estimate(solution, decisions, lambda observation: adequacy_of(observation, modelled_hz=modelled_hz))
 
 
-def adequacy_of(observation: Observation, whiten: Whitener | None = None, effects: Sequence[AllowedField] = ()) -> Adequacy:
+def adequacy_of(
+    observation: Observation, whiten: Whitener | None = None, effects: Sequence[AllowedField] = (), modelled_hz: Sequence[float] = ()
+) -> Adequacy:
     """Test the residual of an observation. Where equal noise fails, noise that differs between frames and places is tested too.
 
     Args:
         observation: observation of a run.
         whiten: correlation of the noise; None for the most likely one. Its size is estimated again.
         effects: fields (f, b, 2, q) of further effects, px, with the prior standard deviation of their amplitudes, px.
+        modelled_hz: frequencies of identified waves of the beam, whose lines over the field are no misfit.
     """
-    return adequacy_of_design(design(observation, whiten or most_likely_whitener(observation)), effects)
+    result, baseline = _tested(design(observation, whiten or most_likely_whitener(observation)), effects)
+    return replace(result, where=(*result.where, spatial_line_test(baseline, modelled_hz)))
 
 
 def adequacy_of_design(columns: DesignMatrix, effects: Sequence[AllowedField] = ()) -> Adequacy:
-    """Test the residual of the columns of a baseline without effects; the other arguments are those of `adequacy_of`."""
+    """Test the residual of the columns of a baseline without effects, except for waves over the field."""
+    return _tested(columns, effects)[0]
+
+
+def _tested(columns: DesignMatrix, effects: Sequence[AllowedField]) -> tuple[Adequacy, HyperparameterGrid]:
+    """Tests of the domains, and the baseline with the allowed fields and equal noise."""
     observation = columns.observation
     raster, waves = (_used_raster_changes(observation), RASTER_PX), (fraction_waves(observation.geometry), OWN_BIAS_PX)
     allowed = [field for field in (*effects, raster, waves) if field[0].shape[-1]]
@@ -148,8 +161,8 @@ def adequacy_of_design(columns: DesignMatrix, effects: Sequence[AllowedField] = 
     result = Adequacy(len(observation.steps), _domain_tests(baseline, freedom), _edge_px(observation.geometry))
     noise = None if result.most_significant is None else unequal_noise(baseline)
     if noise is None:
-        return result
-    return replace(result, where=_domain_tests(*_noise_scaled(design(observation, noise.whiten), allowed)))
+        return result, baseline
+    return replace(result, where=_domain_tests(*_noise_scaled(design(observation, noise.whiten), allowed))), baseline
 
 
 def _noise_scaled(columns: DesignMatrix, allowed: Sequence[AllowedField]) -> tuple[HyperparameterGrid, float]:

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
-from semlive.data.diagnosis.verdict import Diagnosis, ExperimentProposal, RunExtent
+from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis, ExperimentProposal, RunExtent
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, overlap
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
 from semlive.diagnose.fit_tests.cross_validation import held_out_misfit
 from semlive.diagnose.fit_tests.outside_catalogue import outside_test
-from semlive.diagnose.maps.effect_selection import SIGNIFICANT_LOG_FACTOR, SelectedEffect
+from semlive.diagnose.fit_tests.spatial_lines import spatial_line_test
+from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR, SelectedEffect
 from semlive.diagnose.maps.figure_data import figure_data
 from semlive.diagnose.maps.refinement import RefinedEffect, refined
 from semlive.diagnose.maps.repeated_search import SearchResult, repeated_search, residual_adequacy
@@ -36,6 +37,7 @@ def diagnose(
     dictionary: Sequence[EffectClass] = EFFECT_CLASSES,
     draws: int = DRAWS,
     model_effects: Sequence[ModelEffect] = (),
+    modelled_hz: Sequence[float] = (),
 ) -> Diagnosis:
     """Test the model against the data and identify the missing effects.
 
@@ -45,6 +47,7 @@ def diagnose(
         dictionary: the named effect classes.
         draws: number of null draws.
         model_effects: effects already in the model; their amplitudes are refitted and they are not candidates.
+        modelled_hz: frequencies of identified waves of the beam, whose lines over the field are no misfit.
 
     Raises:
         IllPosed: the data are too few to identify an effect.
@@ -57,10 +60,14 @@ def diagnose(
     gap = held_out_misfit(baseline, baseline_with_effects, seed) if effects else None
     shares = strain_attenuation(baseline_with_effects, result.fields, len(model_effects))[len(model_effects) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
-    verdict = _verdict(effects, result.residual_significant, gap, result.domain_tests, baseline, shares)
+    lines = spatial_line_test(result.baseline_with_effects, modelled_hz)
+    significant = result.residual_significant or lines.p_value <= SIGNIFICANCE_LEVEL
+    verdict = _verdict(effects, significant, gap, (*result.domain_tests, lines), baseline, shares)
     adequacy = residual_adequacy(result, model_effects)
     if verdict.outcome is Outcome.NONE and adequacy is not None and not adequacy.passed:
         verdict = replace(verdict, outcome=Outcome.UNKNOWN)
+    if lines.p_value <= SIGNIFICANCE_LEVEL:
+        adequacy = AdequacyTest(lines.domain, lines.p_value, lines.rms_px, SIGNIFICANCE_LEVEL)
     names, fields = [effect.names[0] for effect in effects], [effect.refined.field_px for effect in effects]
     pictures = figure_data(baseline, baseline_with_effects, names, fields) if effects else None
     shared = _overlaps(baseline, effects[0].refined, result.search.initial_screening) if effects else ()

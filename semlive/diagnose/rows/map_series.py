@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from semlive.diagnose.baseline.map_residuals import map_residual_px, over_grid_px
 from semlive.diagnose.baseline.observation import Observation
 from semlive.estimate.joint.observations.design_columns import predicted
 from semlive.estimate.joint.observations.state import MapObservations
@@ -16,7 +17,6 @@ from semlive.estimate.joint.observations.state import MapObservations
 Array = NDArray[np.float64]
 MIN_POINTS = 200  # of a map
 CLIP = 4.5
-ESTIMATE_ORDER, EXTRAPOLATED = 5, 1.15  # polynomial of the estimate; half a block lies beyond the centres of the outer ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,16 +96,14 @@ def map_series(observation: Observation) -> tuple[MapSeries, ...]:
 
 def _residual_px(observation: Observation, rows: MapObservations) -> Array:
     """(2, n, m) map minus the estimate along x and along y, px; not finite where the map is not valid."""
-    used = observation.valid_blocks
-    estimate_px = predicted(observation.state, rows, observation.solution.mean)[used]
-    return np.stack((rows.dmap.u_px, rows.dmap.v_px)) - _over_grid_px(observation, rows.position_px[used], estimate_px)
+    return map_residual_px(observation, rows, predicted(observation.state, rows, observation.solution.mean)[observation.valid_blocks])
 
 
 def _own_residual_px(observation: Observation, own: MapObservations, maps: Sequence[MapObservations]) -> Array:
     """(2, n, m) a pair's own map minus the estimate: the difference of those from frame 0, at the positions in the first frame, px."""
     used, mean = observation.valid_blocks, observation.solution.mean
     second_px, first_px = (predicted(observation.state, rows, mean)[used] for rows in maps)
-    return np.stack((own.dmap.u_px, own.dmap.v_px)) - _over_grid_px(observation, maps[1].position_px[used] + first_px, second_px - first_px)
+    return np.stack((own.dmap.u_px, own.dmap.v_px)) - over_grid_px(observation, maps[1].position_px[used] + first_px, second_px - first_px)
 
 
 def make_map_series(
@@ -129,18 +127,6 @@ def make_map_series(
         shift.append(_without_trends(np.clip(plain, -limit, limit), valid, trends))
     rows, columns = (one.astype(np.float64) for one in at_px)
     return MapSeries(np.stack(shift), valid, rows, columns, subset_px, trends, *times_s)
-
-
-def _over_grid_px(observation: Observation, position_px: Array, estimate_px: Array) -> Array:
-    """(2, n, m) values (b, 2) at positions (b, 2) relative to the centre of the frame, px, as a polynomial over the grid."""
-    position = position_px + observation.state.centre_px
-    low, size = position.min(axis=0), np.ptp(position, axis=0)
-    x, y = 2.0 * (position - low).T / size[:, None] - 1.0
-    mesh_x, mesh_y = (2.0 * (one - start) / length - 1.0 for one, start, length in zip(observation.grid.mesh(), low, size, strict=True))
-    order = (min(ESTIMATE_ORDER, int(np.sqrt(0.5 * len(estimate_px)))),) * 2
-    fitted = np.linalg.lstsq(np.polynomial.legendre.legvander2d(x, y, order), estimate_px, rcond=1e-6)[0]
-    inside = (np.clip(mesh_x, -EXTRAPOLATED, EXTRAPOLATED), np.clip(mesh_y, -EXTRAPOLATED, EXTRAPOLATED))
-    return np.moveaxis(np.polynomial.legendre.legvander2d(*inside, order) @ fitted, -1, 0)
 
 
 def wave_fields(observation: Observation, frequency_hz: float) -> Array:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from semlive.data.diagnosis.effects import ModelEffect
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -81,3 +83,9 @@ ROW_DICTIONARY: tuple[RowEffectClass, ...] = (*PERIODIC_EFFECTS, ROW_JITTER)
 def row_effect(name: str) -> RowEffectClass | None:
     """The row effect of a name; None if there is none."""
     return next((effect for effect in ROW_DICTIONARY if effect.name == name), None)
+
+
+def wave_frequencies_hz(effects: Iterable[ModelEffect]) -> tuple[float, ...]:
+    """Frequencies of the waves among effects of a model."""
+    waves = (effect for effect in effects if row_effect(effect.name) is not None)
+    return tuple(value for effect in waves for name, value in effect.values if name.startswith("frequency"))

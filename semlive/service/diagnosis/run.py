@@ -21,6 +21,7 @@ from semlive.diagnose.combine import add_intensity_verdict, add_map_wave_verdict
 from semlive.diagnose.experiments.forecast import forecast_experiments
 from semlive.diagnose.experiments.proposals import ranked
 from semlive.diagnose.fit_tests.adequacy import adequacy_of
+from semlive.diagnose.fit_tests.spatial_lines import SPATIAL_LINES
 from semlive.diagnose.intensity.verdict import diagnose_intensity
 from semlive.diagnose.maps.relinearise import choose_coupling
 from semlive.diagnose.maps.verdict import diagnose
@@ -34,7 +35,7 @@ from semlive.errors import BadLog, IllPosed
 from semlive.estimate import EstimatorState
 from semlive.formats.log.messages import RunMessage
 from semlive.model.effects.intensity import intensity_effect
-from semlive.model.effects.rows import row_effect
+from semlive.model.effects.rows import row_effect, wave_frequencies_hz
 from semlive.model.effects.stage import non_map_effect
 from semlive.pipeline import AnalysisState
 from semlive.service.diagnosis.images import ImageChannels, ImageData
@@ -76,11 +77,11 @@ def diagnose_log(
         of_images = pool.submit(lambda: (_rows(images, seed, model_effects), _intensity(images, model_effects)))
         observation, steps = _observation(log, state)
     rows, grey = of_images.result()
-    verdict = diagnose(
-        observation,
-        seed,
-        model_effects=observable_effects(observation, [effect for effect in model_effects if non_map_effect(effect.name) is None]),
-    )
+    waves = _map_waves(observation, model_effects)
+    channel_effects = [effect for channel in (rows, waves) if isinstance(channel, RowDiagnosis) for effect in channel.effects]
+    modelled_hz = wave_frequencies_hz([*model_effects, *(effect.model_effect for effect in channel_effects)])
+    of_maps = observable_effects(observation, [effect for effect in model_effects if non_map_effect(effect.name) is None])
+    verdict = diagnose(observation, seed, model_effects=of_maps, modelled_hz=modelled_hz)
     extent = replace(verdict.run, pairs=(len(steps), max(pair_count(log.path), len(steps))))
     verdict = replace(verdict, model_effects=tuple(model_effects), run=extent)
     verdict = add_stage_evidence(verdict, stage_moves(observation, steps))
@@ -91,7 +92,7 @@ def diagnose_log(
     verdict = add_gage_evidence(verdict, gage_readings(readings, steps, settings.specimen.gage_factor_sigma))
     if notes.sem_clock is not None:
         verdict = add_clock_evidence(verdict, notes.sem_clock.offset_s - settings.scan.clock_offset_s, notes.sem_clock.sigma_s)
-    return _with_images(_with_map_waves(verdict, observation), rows, grey), observation
+    return _with_images(_with_map_waves(verdict, waves, observation), rows, grey), observation
 
 
 def _with_effects(observation: Observation, verdict: Diagnosis) -> HyperparameterGrid | None:
@@ -104,18 +105,28 @@ def _with_effects(observation: Observation, verdict: Diagnosis) -> Hyperparamete
     return add_model_effects(noise_scaled_baseline(chosen), of_maps)[0]
 
 
-def _with_map_waves(verdict: Diagnosis, observation: Observation) -> Diagnosis:
-    """The verdict with a wave near a multiple of the row rate, unless the model contains row effects already."""
-    if any(row_effect(effect.name) is not None for effect in verdict.model_effects):
-        return verdict
+def _map_waves(observation: Observation, model_effects: Sequence[ModelEffect]) -> RowDiagnosis | None:
+    """Verdict on a wave near a multiple of the row rate; None without one, or if the model contains row effects already."""
+    if any(row_effect(effect.name) is not None for effect in model_effects):
+        return None
     waves = diagnose_map_waves(map_series(observation))
-    if waves is None or waves.outcome is Outcome.NONE:
+    return None if waves is None or waves.outcome is Outcome.NONE else waves
+
+
+def _with_map_waves(verdict: Diagnosis, waves: RowDiagnosis | None, observation: Observation) -> Diagnosis:
+    """The verdict with a wave near a multiple of the row rate, which is not named where the maps contain other waves over the field."""
+    if waves is None:
         return verdict
+    if verdict.adequacy is not None and verdict.adequacy.domain == SPATIAL_LINES and not verdict.adequacy.passed:
+        return add_map_wave_verdict(verdict, replace(waves, outcome=Outcome.UNKNOWN, effects=()), None)
     adequacy = None
     if waves.effects and verdict.outcome is Outcome.UNKNOWN and not verdict.effects:
-        frequency_hz = dict(waves.effects[0].model_effect.values)["frequency_hz"]
+        effect = waves.effects[0]
+        modelled_hz = wave_frequencies_hz([effect.model_effect])
         try:
-            adequacy = adequacy_of(observation, effects=[(wave_fields(observation, frequency_hz), waves.effects[0].peak_px)]).test
+            adequacy = adequacy_of(
+                observation, effects=[(wave_fields(observation, modelled_hz[0]), effect.peak_px)], modelled_hz=modelled_hz
+            ).test
         except np.linalg.LinAlgError:
             adequacy = None
     return add_map_wave_verdict(verdict, waves, adequacy)

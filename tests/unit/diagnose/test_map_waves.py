@@ -13,9 +13,11 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis
 from semlive.data.grid import Grid
+from semlive.diagnose.baseline.noise_scale import noise_scaled_baseline
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.combine import add_map_wave_verdict
 from semlive.diagnose.fit_tests.adequacy import adequacy_of
+from semlive.diagnose.fit_tests.spatial_lines import spatial_line_test
 from semlive.diagnose.rows.map_series import make_map_series, map_series, wave_fields
 from semlive.diagnose.rows.map_waves import _taper, diagnose_map_waves
 from semlive_simulators.effects.interfaces import Effect, PixelVisits, Plane
@@ -97,7 +99,7 @@ def test_many_pairs_of_smoothed_noise_are_no_wave() -> None:
 def test_a_residual_that_is_noise_with_the_wave_is_explained_by_it(shaken: Observation) -> None:
     found = diagnose_map_waves(map_series(shaken))
     assert found is not None
-    without, with_wave = adequacy_of(shaken), adequacy_of(shaken, effects=[(wave_fields(shaken, 37.3), 0.05)])
+    without, with_wave = adequacy_of(shaken), adequacy_of(shaken, effects=[(wave_fields(shaken, 37.3), 0.05)], modelled_hz=(37.3,))
     assert with_wave.most_significant is None
     unknown = Diagnosis(Outcome.UNKNOWN, (), (), None, None, None, (), 0.02, adequacy=without.test)
     assert add_map_wave_verdict(unknown, found, with_wave.test).outcome is Outcome.IDENTIFIED
@@ -117,3 +119,10 @@ def test_a_wave_in_a_frame_has_its_own_phase(shaken: Observation) -> None:
 
 def test_half_of_a_taper_is_constant() -> None:
     assert _taper(9) == pytest.approx([0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.0])
+
+
+def test_a_wave_of_the_beam_is_a_line_over_the_field_unless_it_is_modelled(shaken: Observation) -> None:
+    baseline = noise_scaled_baseline(shaken)
+    assert spatial_line_test(baseline).p_value < 1e-6
+    assert spatial_line_test(baseline, (37.3,)).p_value == 1.0
+    assert spatial_line_test(baseline, (28.0,)).p_value < 1e-6
