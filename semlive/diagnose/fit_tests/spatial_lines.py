@@ -140,7 +140,7 @@ def _ring() -> Mask:
 
 
 def _modelled_lines(observation: Observation, modelled_hz: Sequence[float]) -> Iterator[tuple[float, float]]:
-    """Cycles over the field along y and along x of identified waves, with both signs: the phase advances from row to row and along a row."""
+    """Cycles along y and x of identified waves, with both signs; the phase advances from row to row and along a row."""
     timing = observation.state.frame_time(0).timing
     rows, columns = observation.grid.shape
     for frequency_hz in modelled_hz:

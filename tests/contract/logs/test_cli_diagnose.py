@@ -21,7 +21,7 @@ from semlive.errors import BadInput
 from semlive_simulators.scenario import load_scenario
 
 Printed = tuple[int, str, str]
-DOMAINS = {"space", "row", "row_start", "scan_time", "frame", "load", "fraction", "moves"}
+DOMAINS = {"space", "row", "row_start", "scan_time", "frame", "load", "fraction", "spatial_lines", "moves"}
 
 
 def test_a_verdict_is_one_object_and_the_model_a_file(semlive: Callable[..., Printed], tmp_path: Path) -> None:
