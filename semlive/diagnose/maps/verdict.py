@@ -16,12 +16,13 @@ from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
 from semlive.diagnose.fit_tests.cross_validation import held_out_misfit
 from semlive.diagnose.fit_tests.outside_catalogue import outside_test
-from semlive.diagnose.fit_tests.spatial_lines import spatial_line_test
+from semlive.diagnose.fit_tests.spatial_lines import SPATIAL_LINES, spatial_line_test
 from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR, SelectedEffect
 from semlive.diagnose.maps.figure_data import figure_data
 from semlive.diagnose.maps.refinement import RefinedEffect, refined
 from semlive.diagnose.maps.repeated_search import SearchResult, repeated_search, residual_adequacy
 from semlive.diagnose.maps.search import ALL_UNNAMED_CLASSES
+from semlive.diagnose.maps.spline_resolution import FINE_DISTORTION
 from semlive.model.effects import EFFECT_CLASSES, EffectClass
 
 Array = NDArray[np.float64]
@@ -60,7 +61,7 @@ def diagnose(
     gap = held_out_misfit(baseline, baseline_with_effects, seed) if effects else None
     shares = strain_attenuation(baseline_with_effects, result.fields, len(model_effects))[len(model_effects) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
-    lines = spatial_line_test(result.baseline_with_effects, modelled_hz)
+    lines = _lines(result, modelled_hz)
     significant = result.residual_significant or lines.p_value <= SIGNIFICANCE_LEVEL
     verdict = _verdict(effects, significant, gap, (*result.domain_tests, lines), baseline, shares)
     adequacy = residual_adequacy(result, model_effects)
@@ -83,6 +84,13 @@ def diagnose(
         outside=outside_test(verdict.outcome),
     )
     return replace(verdict, model_effects=tuple(model_effects), run=RunExtent(observation.geometry.end_s, (width, height)))
+
+
+def _lines(result: SearchResult, modelled_hz: Sequence[float]) -> DomainTest:
+    """Test for waves over the field; not made with a distortion finer than its knots, which is such a wave in maps to shifted frames."""
+    if FINE_DISTORTION.name in result.search.underresolved_splines:
+        return DomainTest(SPATIAL_LINES, 1.0, 0.0)
+    return spatial_line_test(result.baseline_with_effects, modelled_hz)
 
 
 def _closest(result: SearchResult, seed: int) -> tuple[tuple[str, float], ...]:
