@@ -17,7 +17,13 @@ from semlive.data.notes import Note, NoteCode, information, warning
 from semlive.data.pair import PairDecision
 from semlive.data.settings import EstimateSettings
 from semlive.data.strain import Tensor2
-from semlive.diagnose.baseline.model_effects import effect_displacement, interpolate_to_grid, observable_effects, subtract_effects
+from semlive.diagnose.baseline.model_effects import (
+    EffectDisplacement,
+    effect_displacement,
+    interpolate_to_grid,
+    observable_effects,
+    subtract_effects,
+)
 from semlive.diagnose.baseline.observation import (
     Observation,
     StepConditions,
@@ -117,10 +123,15 @@ def fit_effect_correction(
         rows_from_frame_0(state, steps)  # a solution of too few pairs, which takes seconds, would not be used
         solution, other = baseline_solution(state)
         observation = make_observation(solution, steps, other)
-        loads_n, load_notes = _cell(load_readings(observation, steps, loading_axis), of_cell, steps)
-        if not of_maps:
+        observed = observable_effects(observation, of_maps)
+        moved = effect_displacement(choose_coupling(observation, (), observed).observation, observed) if of_maps else None
+        # Strain of the estimate contains what the maps' effects add to it, which would count as an error of the cell.
+        with_effects = moved.baseline_with_effects if moved is not None and observed else None
+        loads_n, load_notes = _cell(load_readings(observation, steps, loading_axis, with_effects), of_cell, steps)
+        if moved is None:
             return EffectCorrection(len(measured), loads_n=loads_n, notes=(*load_notes, *notes))
-        return replace(_map_correction(observation, of_maps, [*load_notes, *notes]), loads_n=loads_n)
+        notes = [*load_notes, *_not_observed(of_maps, observed), *notes]
+        return replace(_map_correction(observation, moved, notes), loads_n=loads_n)
     except IllPosed as error:
         return EffectCorrection(len(measured), notes=(_note(f"nothing is taken out of the maps yet: {error}"), *notes))
 
@@ -163,17 +174,15 @@ def incompatibility_reason(model: EffectModel, size_px: tuple[int, int]) -> str:
     return f"it was found in frames of {model.size_px[0]} x {model.size_px[1]} px, and these are {size_px[0]} x {size_px[1]} px"
 
 
-def _map_correction(observation: Observation, effects: Sequence[ModelEffect], notes: Sequence[Note]) -> EffectCorrection:
-    observed = observable_effects(observation, effects)
-    moved = effect_displacement(choose_coupling(observation, (), observed).observation, observed)
+def _not_observed(effects: Sequence[ModelEffect], observed: Sequence[ModelEffect]) -> list[Note]:
+    missing = [effect.name for effect in effects if effect not in observed]
+    return [_note(f"{name} cannot be seen: there are no loads or moves for it to go with") for name in missing]
+
+
+def _map_correction(observation: Observation, moved: EffectDisplacement, notes: Sequence[Note]) -> EffectCorrection:
     out = [effect for effect in moved.effects if effect not in moved.not_corrected]
     messages = [_note(f"{', '.join(out)} taken out of the maps; the stated uncertainty of strain does not include theirs")] if out else []
     messages += [_note(f"{value} is strain or cannot be separated from it, and is left in") for value in moved.not_corrected]
-    messages += [
-        _note(f"{effect.name} cannot be seen: there are no loads or moves for it to go with")
-        for effect in effects
-        if effect not in observed
-    ]
     fields = interpolate_to_grid(observation, moved.field_px, observation.grid) if out else {}
     strain = {frame: _strain(observation.grid, moved_px) for frame, moved_px in fields.items()}
     return EffectCorrection(len(observation.geometry.frame) // 2, fields, strain, notes=(*messages, *notes))

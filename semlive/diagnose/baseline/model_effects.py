@@ -77,11 +77,13 @@ class EffectDisplacement:
         effects: names of the effects.
         field_px: (f, b, 2) total displacement since frame 0, px.
         not_corrected: names of effects that are strain, resemble strain, or would remove more than 2 % of a strain; not part of the field.
+        baseline_with_effects: the fit of all of them.
     """
 
     effects: tuple[str, ...]
     field_px: Array
     not_corrected: tuple[str, ...]
+    baseline_with_effects: HyperparameterGrid
 
 
 def effect_displacement(observation: Observation, model_effects: Sequence[ModelEffect]) -> EffectDisplacement:
@@ -102,7 +104,8 @@ def effect_displacement(observation: Observation, model_effects: Sequence[ModelE
         else:
             total += field @ amplitudes[first : first + field.shape[-1]]
         first += field.shape[-1]
-    return EffectDisplacement(tuple(model_effect.name for model_effect in model_effects), total - total[0], tuple(not_corrected))
+    names = tuple(model_effect.name for model_effect in model_effects)
+    return EffectDisplacement(names, total - total[0], tuple(not_corrected), baseline_with_effects)
 
 
 def interpolate_to_grid(observation: Observation, moved: Array, grid: Grid) -> dict[int, Array]:

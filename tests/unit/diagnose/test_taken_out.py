@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blind.experiment import AREA_MM2, YOUNGS_GPA, Conditions, HiddenPair, hidden
+from blind.hiding import hidden_effect
 from blind.live import decided, followed
+from blind.observing import QUICK
 from numexp.asrun import START_NS
 from threadpoolctl import threadpool_limits
 
@@ -24,6 +26,7 @@ from semlive.pipeline import effect_correction
 from semlive_simulators.effects.charging import ChargingLocalLens
 
 GRID = Grid(101, 101, 50, 15, 12, 43)  # a block is a point
+COARSE = Grid(101, 101, 45, 17, 14, 43)
 FINE = Grid(101, 101, 25, 30, 24, 43)
 STEADY = EstimateSettings(drift_knots_per_frame=1.0)  # the drift is quadratic, and fewer knots take a third of the time
 SMOOTH = EstimateSettings(drift_knots_per_frame=1.0, distortion_knot_px=150.0)
@@ -141,6 +144,16 @@ def test_what_the_load_cell_does_by_itself_is_taken_off_the_loads() -> None:
         assert not effects or "taken off the loads" in printed[0]
     assert abs(moduli["as read"].value - YOUNGS_GPA) > 5.0 * moduli["as read"].sigma
     assert abs(moduli["without drift"].value - YOUNGS_GPA) < 3.0 * moduli["without drift"].sigma
+
+
+def test_strain_that_an_effect_of_the_maps_adds_is_no_error_of_the_load_cell() -> None:
+    """An aspect ratio that drifts by 4e-4 adds a strain of as much, which was a friction of 136 N with loads of up to 2.1 kN."""
+    pairs = hidden(Conditions(509, calibration=6, tension=4), hidden_effect("aspect_drift", 0.2, 1), COARSE)
+    measured = [effect_correction.MeasuredPair(decided(pair), pair.times, pair.maps) for pair in pairs]
+    model = EffectModel((ModelEffect("aspect_drift", (), 0.2), ModelEffect("friction_hysteresis", (), 10.0)))
+    correction = effect_correction.fit_effect_correction(model, QUICK, "y", measured)
+    assert any("friction_hysteresis" in note.message for note in correction.notes)
+    assert max(abs(correction.load_of(pair.pose.pair)) for pair in pairs) < 30.0
 
 
 def drifting(decision: PairDecision, rate_n_s: float) -> PairDecision:
