@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from semlive.diagnose.baseline.design_matrix import DesignMatrix
 from semlive.diagnose.baseline.priors import SMOOTH_DRIFT_PRIORS, BaselinePrior, DriftPrior
-from semlive.diagnose.parallel import parallel_map
+from semlive.diagnose.parallel import WORKERS, parallel_map
 from semlive.estimate.joint.elimination.arrowhead import ArrowheadFactor, ComponentBlocks, factorise
 from semlive.estimate.joint.observations.priors import Hyperparameters
 from semlive.estimate.joint.selection.marginal_likelihood import log_prior
@@ -113,20 +115,41 @@ def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
     Points with negligible likelihood are left out, and the least likely ones of a baseline that would not fit into memory.
     """
     evaluator = _PointEvaluator.of(columns)
-    evaluated = parallel_map(lambda candidate: (candidate, evaluator.point(candidate, 1.0)), columns.priors.different())
-    best = max((point for _, point in evaluated), key=lambda candidate: candidate.evidence)
-    retained = [
-        (value, point)
-        for value, point in evaluated
-        if point.evidence > best.evidence - MAX_LOG_ODDS_DEFICIT or point.occam_factor > best.occam_factor
-    ]
-    most = max(1, MAX_GRID_BYTES // (16 * columns.size**2))
-    likely = sorted((point.evidence for _, point in retained), reverse=True)[:most]
-    retained = [(value, point) for value, point in retained if point.evidence >= likely[-1]]
-    points = parallel_map(
-        lambda item: max((item[1], *evaluator.with_distortion_priors(item[0])), key=lambda candidate: candidate.evidence), retained
-    )
-    return HyperparameterGrid(columns, evaluator.residual, tuple(points))
+    likely = _likely_points(evaluator, columns.priors.different())
+
+    def most_likely(drift: DriftPrior) -> HyperparameterPoint:
+        return max(
+            chain((likely.pop(drift),), evaluator.with_distortion_priors(drift)), key=_evidence
+        )  # one of the points remains in memory
+
+    return HyperparameterGrid(columns, evaluator.residual, tuple(parallel_map(most_likely, tuple(likely))))
+
+
+def _likely_points(evaluator: _PointEvaluator, priors: Sequence[DriftPrior]) -> dict[DriftPrior, HyperparameterPoint]:
+    """Points of the priors that a grid contains.
+
+    Those with negligible likelihood are dropped on the way: of 13 points of 76 MB each, a baseline of 2,181 parameters has 7 in the end.
+    """
+    scores, points = dict[DriftPrior, tuple[float, float]](), dict[DriftPrior, HyperparameterPoint]()
+    for first in range(0, len(priors), WORKERS):
+        for drift, point in parallel_map(lambda drift: (drift, evaluator.point(drift, 1.0)), priors[first : first + WORKERS]):
+            scores[drift], points[drift] = (point.evidence, point.occam_factor), point
+        points = {drift: points[drift] for drift in _not_negligible(scores) if drift in points}
+    retained = _not_negligible(scores)
+    most = max(1, MAX_GRID_BYTES // (16 * evaluator.columns.size**2))
+    limit = sorted((scores[drift][0] for drift in retained), reverse=True)[:most][-1]
+    retained = [drift for drift in retained if scores[drift][0] >= limit]
+    return {drift: points[drift] if drift in points else evaluator.point(drift, 1.0) for drift in retained}
+
+
+def _not_negligible(scores: Mapping[DriftPrior, tuple[float, float]]) -> list[DriftPrior]:
+    """Priors with evidence near the largest, and smoother ones, by evidence and Occam factor: an effect may make them more likely."""
+    best, best_occam = max(scores.values())
+    return [drift for drift, (evidence, occam) in scores.items() if evidence > best - MAX_LOG_ODDS_DEFICIT or occam > best_occam]
+
+
+def _evidence(point: HyperparameterPoint) -> float:
+    return point.evidence
 
 
 def best_point(columns: DesignMatrix) -> HyperparameterGrid:
@@ -208,9 +231,9 @@ class _PointEvaluator:
         )
         return replace(point, prior_choice=(drift, roughness_factor))
 
-    def with_distortion_priors(self, drift: DriftPrior) -> list[HyperparameterPoint]:
+    def with_distortion_priors(self, drift: DriftPrior) -> Iterator[HyperparameterPoint]:
         """Points with other smoothness values of the distortion than the first solution."""
-        return [self.point(drift, roughness_factor) for roughness_factor in DISTORTION_SMOOTHNESS_FACTORS if roughness_factor != 1.0]
+        return (self.point(drift, roughness_factor) for roughness_factor in DISTORTION_SMOOTHNESS_FACTORS if roughness_factor != 1.0)
 
 
 def joint_prior(columns: DesignMatrix, drift: DriftPrior, roughness_factor: float) -> BaselinePrior:
