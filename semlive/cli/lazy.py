@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import signal
 import threading
 from collections.abc import Iterator
@@ -12,6 +13,8 @@ from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+
+from semlive.service.runtime.garbage import collect_from_here
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +62,8 @@ def load(entry: CommandEntry) -> Any:
     module, attribute = entry.import_path.split(":")
     with deferred_keyboard_interrupt():
         target = getattr(import_module(module), attribute)
+    if not gc.isenabled():
+        collect_from_here()
     if isinstance(target, typer.Typer):
         command: Any = typer.main.get_group(target)
     else:

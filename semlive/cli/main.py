@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -11,6 +12,7 @@ _STOPPED = 1
 
 def main() -> None:
     """Run a command; an error is one line on standard error (exit code 2 for bad input, 1 for a failure during the command)."""
+    gc.disable()  # until the command is imported
     try:
         from semlive.service.runtime.jit_cache import configure_jit_cache  # noqa: PLC0415
 

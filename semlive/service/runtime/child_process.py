@@ -7,6 +7,7 @@ here, because the parent may be killed while the child still imports numerical p
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import runpy
 import signal
@@ -19,9 +20,10 @@ _POLL_S = 0.5
 
 
 def main() -> None:
-    """Bind this process to its parent, then run the module."""
+    """Bind this process to its parent, then run the module, which enables garbage collection when its imports are done."""
     parent, module = int(sys.argv[1]), sys.argv[2]
     end_with_parent(parent)
+    gc.disable()
     sys.argv = [module, *sys.argv[3:]]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 
