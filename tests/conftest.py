@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import subprocess
@@ -17,6 +18,7 @@ from hypothesis import HealthCheck, settings
 from semlive.cli.app import run_app
 from semlive.cli.shared import progress_bar
 from semlive.service.runtime.blas import limit_blas_threads
+from semlive.service.runtime.garbage import collect_from_here
 from semlive_drivers.endpoint_lock import _LOCKS
 
 from .waiting import wait_until
@@ -148,6 +150,16 @@ LONG_COMPUTING = (
     *("scenario/diagnose/test_diagnose_names", "unit/diagnose/test_refine"),
 )
 """Computing files that begin in turn with these. While waiting files ran one after the other, a tenth of the processors was idle."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Each process imports all tests: 8.1 s of processor time where garbage is collected meanwhile, 5.5 s without."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        collect_from_here()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
