@@ -133,9 +133,24 @@ class RandomWalkDrift(Effect):
         """Independent drifts of both axes."""
         count = max(1, round(2 * self.span_s / self.shortest_period_s))
         w = (np.arange(count) + 0.5) * np.pi
-        waves = np.sin(at.time_s[:, None] * (w / self.span_s)) / w
         z = np.stack([gaussians(self.seed, 43 + axis, 0, count) for axis in range(2)], axis=-1)
-        return self.step_px_per_sqrt_s * math.sqrt(2 * self.span_s) * (waves @ z)
+        return self.step_px_per_sqrt_s * math.sqrt(2 * self.span_s) * _sine_series(at.time_s * (np.pi / self.span_s), z / w[:, None])
+
+
+def _sine_series(angle: Array, amplitude: Array) -> Array:
+    """(n, c) sum over k of `amplitude` (m, c) times sin((k + 1/2) angle), for angles (n,).
+
+    With k = s i + j, the sine of a sum of two angles needs 4 sqrt(m) sines and cosines of each angle instead of m: a sixth of the time
+    for 440 terms (15 instead of 83 ms for 10,710 angles).
+    """
+    step = math.isqrt(len(amplitude) - 1) + 1
+    steps = -(-len(amplitude) // step)
+    table = np.zeros((steps * step, amplitude.shape[1]))
+    table[: len(amplitude)] = amplitude
+    coarse, fine = np.outer(angle, step * np.arange(steps)), np.outer(angle, np.arange(step) + 0.5)
+    by_step = table.reshape(steps, step, -1)
+    with_sine, with_cosine = (np.tensordot(part, by_step, axes=(1, 1)) for part in (np.cos(fine), np.sin(fine)))
+    return np.asarray(np.einsum("ni,nic->nc", np.sin(coarse), with_sine) + np.einsum("ni,nic->nc", np.cos(coarse), with_cosine))
 
 
 @dataclass(frozen=True, slots=True)
