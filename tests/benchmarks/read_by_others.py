@@ -15,13 +15,15 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
 import foxglove.messages
 import numpy as np
-from jsonschema import Draft202012Validator
+from jsonschema import Draft202012Validator, ValidationError
+from jsonschema.validators import extend
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -30,6 +32,7 @@ import semlive.service
 READER = Path(__file__).parents[1] / "contract" / "log_reader.mjs"
 LAYOUT = Path(semlive.service.__file__).with_name("foxglove-layout.json")
 SCALARS = ("boolean", "string", "number", "integer")
+PYTHON_KINDS: dict[str, set[type]] = {"boolean": {bool}, "number": {int, float}, "integer": {int}}
 
 
 def viewers_understand(schema: dict[str, Any], where: str) -> None:
@@ -54,6 +57,16 @@ def viewers_understand(schema: dict[str, Any], where: str) -> None:
         assert "oneOf" not in entry, f"{where}.{name}"
 
 
+def _items(validator: Any, items: Any, instance: Any, schema: Any) -> Iterator[ValidationError]:
+    """The keyword `items`, but arrays of one scalar kind at once: a short run has a million such items, which took 6 of 8 s."""
+    kinds = PYTHON_KINDS.get(items.get("type"), set()) if len(items) == 1 else set()
+    if not isinstance(instance, list) or {type(item) for item in instance} - kinds:
+        yield from Draft202012Validator.VALIDATORS["items"](validator, items, instance, schema)
+
+
+Validator = extend(Draft202012Validator, {"items": _items})
+
+
 def check_messages(path: Path) -> dict[str, dict[str, Any]]:
     """Every JSON payload against its schema, every picture decoded; the newest JSON payload of each topic.
 
@@ -72,7 +85,7 @@ def check_messages(path: Path) -> dict[str, dict[str, Any]]:
                 reported = json.loads(schema.data)
                 Draft202012Validator.check_schema(reported)
                 viewers_understand(reported, schema.name)
-                validators[schema.id] = Draft202012Validator(reported)
+                validators[schema.id] = Validator(reported)
         for _, channel, message in reader.iter_messages():
             if channel.message_encoding == "json":
                 payload = json.loads(message.data)

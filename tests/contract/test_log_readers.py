@@ -12,7 +12,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from read_by_others import by_node, check_messages, counts, node_modules, viewers_understand
+from read_by_others import Validator, by_node, check_messages, counts, node_modules, viewers_understand
 
 from semlive.data.disparity import DisparityMap
 from semlive.data.drift import DistortionField, DriftEstimate, EstimateRevision
@@ -124,6 +124,14 @@ def test_every_schema_is_one_and_viewers_understand_it(topic: str) -> None:
     schema = json.loads(named[2])
     Draft202012Validator.check_schema(schema)
     viewers_understand(schema, topic)
+
+
+@pytest.mark.parametrize("kind", ["boolean", "string", "number", "integer", "object"])
+def test_arrays_that_are_validated_at_once_get_the_verdict_of_json_schema(kind: str) -> None:
+    for schema in ({"items": {"type": kind}}, {"items": {"type": kind, "minimum": 2}}, {"prefixItems": [{}], "items": {"type": kind}}):
+        for value in ([1, 2.5], [True, False], [1, None], ["x"], [], [1.0], [True, 1], [[1]], {"1": 1}, None):
+            plain, ours = (sorted(map(str, one(schema).iter_errors(value))) for one in (Draft202012Validator, Validator))
+            assert ours == plain
 
 
 def test_payloads_fit_their_schemas_and_foxglove_encodes_the_same_images(log: Path) -> None:
