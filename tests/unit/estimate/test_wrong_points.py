@@ -10,7 +10,7 @@ from blind.experiment import Conditions
 from blind.observing import observed
 
 from semlive.data.grid import Grid
-from semlive.estimate.joint.observations.block_means import Blocks, isolated_outliers
+from semlive.estimate.joint.observations.block_means import Blocks, _least_squares, isolated_outliers
 
 GRID = Grid(101, 101, 60, 13, 10, 43)
 EVERY = np.ones(GRID.shape, dtype=np.bool_)
@@ -72,3 +72,12 @@ def test_one_point_in_a_thousand_wrong_changes_no_choice() -> None:
 
     assert wrong.noise_scale == pytest.approx(right.noise_scale, rel=0.02)  # before, the path of the lines was let go by 3 px
     assert replace(wrong, noise_scale=right.noise_scale) == right
+
+
+@pytest.mark.parametrize(("rows", "columns", "repeated"), [(180, 28, 0), (28, 28, 0), (180, 28, 3), (20, 28, 0), (0, 28, 0)])
+def test_normal_equations_give_what_a_singular_value_decomposition_gives(rows: int, columns: int, repeated: int) -> None:
+    rng = np.random.default_rng(5)
+    design, samples = rng.standard_normal((rows, columns)), rng.standard_normal(rows)
+    design[:, :repeated] = design[:, repeated : 2 * repeated]
+    expected = np.linalg.lstsq(design, samples, rcond=None)[0]
+    np.testing.assert_allclose(_least_squares(design, samples), expected, rtol=0.0, atol=1e-9 * np.abs(expected).max(initial=1.0))

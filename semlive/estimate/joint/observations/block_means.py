@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,15 +10,18 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_solve
 
 from semlive.data.grid import Grid
 from semlive.estimate.storage import Storage
+from semlive.kernels.linear_algebra import cholesky
 from semlive.kernels.splines.spline_columns import local_sums, tensor_sums
 from semlive.model import Axis, Columns, TensorColumns
 
 OUTLIER_MAD_FACTOR = 6.0  # a displacement gradient alone reaches 2 median absolute deviations within a block
 OUTLIER_FLOOR_PX = 0.05
 BEND, BEND_PASSES = 6, 8  # total order of the polynomials that a map is smooth by; a wrong corner bends them by half of itself at first
+WELL_DETERMINED = 1e-3  # smallest relative pivot with which normal equations lose at most half of the digits
 ISOLATION_FACTOR = 8.0  # times what neighbours usually differ by: 5.4 standard deviations of a difference
 SMALL_BLOCK_POINTS = (
     4  # points of a block, of which a gradient alone puts half far off the other half: with points 25 px apart 0.3 % of strain did
@@ -169,9 +173,22 @@ def _unbent(value: NDArray[np.float64], valid: NDArray[np.bool_]) -> NDArray[np.
     samples, weight = value[valid], np.ones(int(valid.sum()))
     residual = samples
     for _ in range(BEND_PASSES):
-        residual = samples - shapes @ np.linalg.lstsq(shapes * weight[:, None], samples * weight, rcond=None)[0]
+        residual = samples - shapes @ _least_squares(shapes * weight[:, None], samples * weight)
         weight = 1.0 / np.sqrt(np.maximum(np.abs(residual), OUTLIER_FLOOR_PX))
     return residual
+
+
+def _least_squares(design: NDArray[np.float64], samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m,) solution of an overdetermined system; the one of smallest norm if it is not unique.
+
+    The normal equations take a fifth of the time of a singular value decomposition (180 points: 26 instead of 126 microseconds).
+    """
+    with contextlib.suppress(LinAlgError):
+        factor = cholesky(design.T @ design)
+        pivots = np.diagonal(factor)
+        if pivots.min() > WELL_DETERMINED * pivots.max():
+            return np.asarray(cho_solve((factor, True), design.T @ samples, check_finite=False))
+    return np.asarray(np.linalg.lstsq(design, samples, rcond=None)[0], dtype=np.float64)
 
 
 @lru_cache(maxsize=2)
