@@ -236,7 +236,7 @@ def build_column(
     scan: Scan, detector: Detector, speckle: Pattern, drift: Drift, distortion: Distortion, effects: EffectSet | None = None
 ) -> Column:
     """A column with its distortion computed for every scan address."""
-    x_px, y_px = np.meshgrid(np.arange(scan.width_px), np.arange(scan.height_px))
+    x_px, y_px = np.meshgrid(np.arange(scan.width_px), np.arange(scan.height_px), sparse=True)
     bend = distortion.at(x_px, y_px, scan.width_px, scan.height_px)
     bend_px = np.ascontiguousarray(bend[..., 0]), np.ascontiguousarray(bend[..., 1])
     effects = EffectSet() if effects is None else effects
