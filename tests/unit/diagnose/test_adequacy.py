@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from semlive import estimate
 from semlive.data.diagnosis.effects import Outcome
 from semlive.data.grid import Grid
+from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.fit_tests.adequacy import Adequacy, adequacy_after, harmless_px
 from semlive.diagnose.maps.verdict import diagnose
 from semlive.estimate import Solution
@@ -34,6 +35,12 @@ def one_thread() -> Iterator[None]:
     """As in the daemon's analysis."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
+
+
+@pytest.fixture(scope="module")
+def largely_biased() -> Observation:
+    """A correlation with a bias of 6e-3 px."""
+    return observed(replace(CLEAN, bias_px=0.006), (), GRID, QUICK)
 
 
 def after_run(conditions: Conditions, effects: tuple[Effect, ...] = ()) -> tuple[Adequacy, Solution]:
@@ -69,8 +76,8 @@ def test_the_own_bias_of_the_correlation_gives_no_warning_and_a_larger_one_does(
     assert larger.most_significant.domain == "fraction"
 
 
-def test_a_harmless_residual_is_a_small_strain() -> None:
-    geometry = observed(CLEAN, (), GRID, QUICK).geometry
+def test_a_harmless_residual_is_a_small_strain(largely_biased: Observation) -> None:
+    geometry = largely_biased.geometry
     position = geometry.address_px[0]
     width_px = float(np.ptp(position, axis=0).max())
     line = np.linspace(0.0, 2e-6 * width_px, 1000)
@@ -78,10 +85,9 @@ def test_a_harmless_residual_is_a_small_strain() -> None:
     assert harmless_px(geometry) < 1e-3
 
 
-def test_none_is_never_given_where_the_test_fails() -> None:
+def test_none_is_never_given_where_the_test_fails(largely_biased: Observation) -> None:
     """A wave over the fraction of a pixel is in no class of this dictionary, and no unnamed field describes it."""
-    run = observed(replace(CLEAN, bias_px=0.006), (), GRID, QUICK)
-    found = diagnose(run, dictionary=FEW, draws=99)
+    found = diagnose(largely_biased, dictionary=FEW, draws=99)
     assert found.adequacy is not None
     assert not found.adequacy.passed
     assert found.adequacy.domain == "fraction"
@@ -96,10 +102,10 @@ def test_none_passes_the_test() -> None:
     assert found.closest == ()
 
 
-def test_the_own_bias_of_the_correlation_is_no_missing_effect() -> None:
+def test_the_own_bias_of_the_correlation_is_no_missing_effect(largely_biased: Observation) -> None:
     biased = tuple(family for family in EFFECT_CLASSES if family.name in ("dic_subpixel_bias", "aspect_drift"))
     found = diagnose(observed(replace(CLEAN, bias_px=0.0009), (), GRID, QUICK), dictionary=biased, draws=99)
     assert (found.outcome, found.effects) == (Outcome.NONE, ())
     assert dict(found.evidence)["dic_subpixel_bias"] > 7.0
-    larger = diagnose(observed(replace(CLEAN, bias_px=0.006), (), GRID, QUICK), dictionary=biased, draws=99)
+    larger = diagnose(largely_biased, dictionary=biased, draws=99)
     assert (larger.outcome, [effect.name for effect in larger.effects]) == (Outcome.IDENTIFIED, ["dic_subpixel_bias"])

@@ -12,7 +12,7 @@ from blind.observing import observed
 
 from semlive.data.diagnosis.effects import ModelEffect
 from semlive.data.grid import Grid
-from semlive.diagnose.baseline.model_effects import effect_displacement, interpolate_to_grid
+from semlive.diagnose.baseline.model_effects import EffectDisplacement, effect_displacement, interpolate_to_grid
 from semlive.diagnose.baseline.observation import Observation
 from semlive.errors import BadInput
 
@@ -28,8 +28,13 @@ def bent() -> Observation:
     return observed(CONDITIONS, hidden_effect("bending_misalignment", PEAK_PX, 1), GRID)
 
 
-def test_what_an_effect_moves_is_what_it_moved(bent: Observation) -> None:
-    moved = effect_displacement(bent, [BENDING])
+@pytest.fixture(scope="module")
+def moved(bent: Observation) -> EffectDisplacement:
+    """What bending moves in it."""
+    return effect_displacement(bent, [BENDING])
+
+
+def test_what_an_effect_moves_is_what_it_moved(bent: Observation, moved: EffectDisplacement) -> None:
     fields = interpolate_to_grid(bent, moved.field_px, GRID)
     with_it = hidden(CONDITIONS, hidden_effect("bending_misalignment", PEAK_PX, 1), GRID)[-1].maps[-1]
     without = hidden(CONDITIONS, (), GRID)[-1].maps[-1]
@@ -46,13 +51,13 @@ def test_what_an_effect_moves_is_what_it_moved(bent: Observation) -> None:
     assert np.sqrt(np.mean(rest**2)) < 0.1 * np.sqrt(np.mean(was**2))
 
 
-def test_an_injected_strain_is_preserved(bent: Observation) -> None:
+def test_an_injected_strain_is_preserved(bent: Observation, moved: EffectDisplacement) -> None:
     strain = 1e-4
     scene = bent.geometry
     more = np.zeros_like(bent.disparity_px)
     more[scene.steps.loaded, :, 1] = strain * scene.half_px * scene.y[scene.steps.loaded]
     injected = replace(bent, disparity_px=bent.disparity_px + more)
-    change = effect_displacement(injected, [BENDING]).field_px - effect_displacement(bent, [BENDING]).field_px
+    change = effect_displacement(injected, [BENDING]).field_px - moved.field_px
     y_px = scene.y * scene.half_px
     taken = [np.polyfit(y_px[frame], change[frame, :, 1], 1)[0] for frame in np.flatnonzero(scene.steps.loaded)]
     assert np.max(np.abs(taken)) < 0.02 * strain
