@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 FREE_DISTORTION_FACTOR = 10.0
 PRIOR_LOG_SD = 4.0  # of the logarithm of a smoothness, relative to that of the first solution
 DISTORTION_SMOOTHNESS_FACTORS = (0.3, 1.0, 3.0)
-MAX_GRID_BYTES = 1_200_000_000  # of the matrices of all points; only baselines of more than 2,600 parameters have fewer points
+# Of the matrices of all points: a baseline of 1,100 parameters has 13 points, one of 2,200 has 3. With 1.2 GB a run whose drift walks
+# by 0.04 px within frames of 180 s (2,281 parameters, 6 points) needed 231 s of processor time and 3.3 GB.
+MAX_GRID_BYTES = 250_000_000
 MAX_LOG_ODDS_DEFICIT = 40.0  # drift priors that are less likely by more than this are left out of the grid
 
 
@@ -112,7 +114,7 @@ class HyperparameterGrid:
 def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
     """Evaluate, for each drift prior, the most likely smoothness of the distortion.
 
-    Points with negligible likelihood are left out, and the least likely ones of a baseline that would not fit into memory.
+    Points with negligible likelihood are left out, and further ones of a baseline whose points would need too much memory.
     """
     evaluator = _PointEvaluator.of(columns)
     likely = _likely_points(evaluator, columns.priors.different())
@@ -135,11 +137,19 @@ def _likely_points(evaluator: _PointEvaluator, priors: Sequence[DriftPrior]) -> 
         for drift, point in parallel_map(lambda drift: (drift, evaluator.point(drift, 1.0)), priors[first : first + WORKERS]):
             scores[drift], points[drift] = (point.evidence, point.occam_factor), point
         points = {drift: points[drift] for drift in _not_negligible(scores) if drift in points}
-    retained = _not_negligible(scores)
-    most = max(1, MAX_GRID_BYTES // (16 * evaluator.columns.size**2))
-    limit = sorted((scores[drift][0] for drift in retained), reverse=True)[:most][-1]
-    retained = [drift for drift in retained if scores[drift][0] >= limit]
+    retained = _at_most(MAX_GRID_BYTES // (16 * evaluator.columns.size**2), {drift: scores[drift] for drift in _not_negligible(scores)})
     return {drift: points[drift] if drift in points else evaluator.point(drift, 1.0) for drift in retained}
+
+
+def _at_most(count: int, scores: Mapping[DriftPrior, tuple[float, float]]) -> list[DriftPrior]:
+    """The most likely prior, then smoother ones, evenly spread, then the most likely others: at least one and at most `count`."""
+    if len(scores) <= count:
+        return list(scores)
+    likely = sorted(scores, key=lambda drift: scores[drift][0], reverse=True)
+    smoother = sorted((drift for drift in likely if scores[drift][1] > scores[likely[0]][1]), key=lambda drift: scores[drift][1])
+    places = np.linspace(len(smoother) - 1, 0, min(max(count - 1, 0), len(smoother))).round().astype(int)
+    chosen = dict.fromkeys([likely[0], *(smoother[place] for place in places), *likely])
+    return list(chosen)[: max(count, 1)]
 
 
 def _not_negligible(scores: Mapping[DriftPrior, tuple[float, float]]) -> list[DriftPrior]:

@@ -28,6 +28,7 @@ from semlive.model.effects import EffectClass
 from semlive.model.effects.maps.image_field import DISTORTION_SCALE_DRIFT
 
 Array = NDArray[np.float64]
+MAX_REPEATED_PARAMETERS = 1_500  # of a baseline: two searches of a run with 1,682 needed 2.6 GB and 100 s of processor time
 MIN_COURSE_CHANGE = 0.1  # of the noise of a block
 
 
@@ -106,8 +107,9 @@ class SearchResult:
 
     @property
     def allows_another_search(self) -> bool:
-        """Whether another search with the average work of those so far is within the limit of a verdict."""
-        return self.search.allows(self.search.work / self.searches)
+        """Whether another search with the average work of those so far, and its memory next to that of this one, are within the limits."""
+        fits = self.baseline_with_effects.design.size <= MAX_REPEATED_PARAMETERS
+        return fits and self.search.allows(self.search.work / self.searches)
 
     def truncated(self) -> SearchResult:
         """The same result, marked as without a search that its criteria require."""
@@ -165,7 +167,7 @@ def _with_unequal_noise(
     """
     noise = unequal_noise(result.search.baseline)
     explained = result.effects and not result.residual_significant
-    if noise is None or (explained and unequal_noise(result.baseline_with_effects) is None):
+    if noise is None or result.search.truncated or (explained and unequal_noise(result.baseline_with_effects) is None):
         return result
     if not result.allows_another_search:
         return result.truncated()

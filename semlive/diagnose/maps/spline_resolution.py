@@ -6,6 +6,7 @@ Sutton 2007 has no such test. If a spline is too coarse, its residual is distrib
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ SIZES_PX = (3e-4, 1.0)
 DRIFT_KNOTS = (1.25, 4.0)
 MAX_RATES = 150  # four amplitudes each
 MAX_FRAME_COLUMNS = 800
+# Of a baseline with its fine-scale terms. With 2,281, and 264 more in a second step, a run needed 231 s of processor time and 3.3 GB.
+MAX_PARAMETERS = 2_200
 DISTORTION_KNOTS, MIN_WAVE_BLOCKS = 2.3, 2.0  # longest wave finer than the spline, in knots, and shortest observable wave, in blocks
 
 
@@ -55,10 +58,10 @@ def _fine_drift_of_frames(scene: RunGeometry, values: Values) -> BasisField:
     rows = round(float(np.ptp(scene.address_px[0, :, 1])) / _block_distance_px(scene))
     highest = max(lowest, min(rows, lowest + MAX_FRAME_COLUMNS // (2 * len(scene.frame)) - 1))
     phase = np.pi * (scene.time_in_frame_s - scene.time_in_frame_s.min()) / duration_s
-    columns = []
-    for frame in range(len(scene.frame)):
-        own = (np.arange(len(scene.frame)) == frame)[:, None]
-        columns += [xy_columns(own * np.cos(count * phase) * (lowest / count)) for count in range(lowest, highest + 1)]
+    columns, frames = [], np.arange(len(scene.frame))
+    for count in range(lowest, highest + 1):
+        wave = np.cos(count * phase) * (lowest / count)
+        columns += [xy_columns((frames == frame)[:, None] * wave) for frame in frames]
     return BasisField(np.concatenate(columns, axis=-1), random_amplitude=("rms_px", "px", 1.0))
 
 
@@ -70,15 +73,11 @@ def _fine_distortion(scene: RunGeometry, values: Values) -> BasisField | None:
     x, y = np.moveaxis((scene.address_px - low) / size_px, -1, 0)
     longest_px, shortest_px = DISTORTION_KNOTS * scene.distortion_knot_px, MIN_WAVE_BLOCKS * block_px
     counts = (2.0 * size_px / shortest_px).astype(int) + 1
-    waves = [
-        (i, j)
-        for i in range(counts[0])
-        for j in range(counts[1])
-        if 1.0 / longest_px <= float(np.hypot(*(0.5 * np.array((i, j)) / size_px))) <= 1.0 / shortest_px
-    ]
+    waves = [(float(np.hypot(*(0.5 * np.array((i, j)) / size_px))), i, j) for i in range(counts[0]) for j in range(counts[1])]
+    waves = [wave for wave in sorted(waves) if 1.0 / longest_px <= wave[0] <= 1.0 / shortest_px]
     if not waves:
         return None
-    columns = [xy_columns(np.cos(np.pi * i * x) * np.cos(np.pi * j * y)) for i, j in waves]
+    columns = [xy_columns(np.cos(np.pi * i * x) * np.cos(np.pi * j * y)) for _, i, j in waves]
     return BasisField(np.concatenate(columns, axis=-1), random_amplitude=("rms_px", "px", 1.0))
 
 
@@ -109,6 +108,19 @@ def fine_scale_candidates(baseline: HyperparameterGrid) -> tuple[EffectClass, ..
     return FINE_SCALE_CLASSES if prior_choice is not None and prior_choice[0].random_walk_px else (FINE_DISTORTION,)
 
 
-def add_fine_scale_terms(baseline: HyperparameterGrid, candidates: CandidateEvidence) -> HyperparameterGrid:
-    """Add fine-scale terms to the baseline; they are not reported as effects."""
-    return build_grid(baseline.design.with_effects(refined(baseline, candidates).baseline_effect))
+def has_room_for_terms(baseline: HyperparameterGrid) -> bool:
+    """Whether fine-scale terms, two for each frame at least, can be added to a baseline."""
+    return baseline.design.size + 2 * baseline.design.observation.frames <= MAX_PARAMETERS
+
+
+def add_fine_scale_terms(baseline: HyperparameterGrid, scored: HyperparameterGrid, candidate: CandidateEvidence) -> HyperparameterGrid:
+    """Add fine-scale terms to the baseline, the longest waves first; they are not reported as effects.
+
+    Args:
+        baseline: the baseline without effects.
+        scored: the baseline by which the candidate was scored, with the effects so far.
+        candidate: the fine-scale terms.
+    """
+    effect = refined(scored, candidate).baseline_effect
+    longest = effect.columns[..., : MAX_PARAMETERS - baseline.design.size]
+    return build_grid(baseline.design.with_effects(replace(effect, columns=longest)))

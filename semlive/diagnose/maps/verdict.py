@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
 from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis, ExperimentProposal, RunExtent
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
-from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, overlap
+from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, overlap, score_candidates
 from semlive.diagnose.baseline.observation import Observation
 from semlive.diagnose.baseline.strain_attenuation import MAX_ATTENUATION, strain_attenuation
 from semlive.diagnose.fit_tests.cross_validation import held_out_misfit
@@ -20,7 +20,7 @@ from semlive.diagnose.fit_tests.spatial_lines import SPATIAL_LINES, spatial_line
 from semlive.diagnose.maps.effect_selection import SIGNIFICANCE_LEVEL, SIGNIFICANT_LOG_FACTOR, SelectedEffect
 from semlive.diagnose.maps.figure_data import figure_data
 from semlive.diagnose.maps.refinement import RefinedEffect, refined
-from semlive.diagnose.maps.repeated_search import SearchResult, repeated_search, residual_adequacy
+from semlive.diagnose.maps.repeated_search import MAX_REPEATED_PARAMETERS, SearchResult, repeated_search, residual_adequacy
 from semlive.diagnose.maps.search import ALL_UNNAMED_CLASSES
 from semlive.diagnose.maps.spline_resolution import FINE_DISTORTION
 from semlive.model.effects import EFFECT_CLASSES, EffectClass
@@ -101,8 +101,12 @@ def _closest(result: SearchResult, seed: int) -> tuple[tuple[str, float], ...]:
         for candidate in result.search.initial_screening
         if candidate.family not in ALL_UNNAMED_CLASSES and candidate.log_factor > 0.0
     ]
+    most = MAX_CLOSEST if baseline.design.size <= MAX_REPEATED_PARAMETERS else 1  # each takes 10 s with 2,000 parameters
+    likely: Sequence[CandidateEvidence] = sorted(named, key=lambda item: -item.log_factor)[:most]
+    if result.search.underresolved_splines:  # the screening has the points of the baseline without their terms
+        likely = score_candidates(baseline, [candidate.family for candidate in likely])
     shares = []
-    for candidate in sorted(named, key=lambda item: -item.log_factor)[:MAX_CLOSEST]:
+    for candidate in likely:
         baseline_with_effect = build_grid(baseline.design.with_effects(refined(baseline, candidate).baseline_effect))
         shares.append((candidate.family.name, held_out_misfit(baseline, baseline_with_effect, seed).closure))
     return tuple(sorted(shares, key=lambda item: -item[1]))
@@ -142,7 +146,8 @@ def _verdict(
     unsure = next((effect for effect in selected if effect.rivals or len(effect.names) > 1), None)
     if not selected:
         outcome = Outcome.UNKNOWN if significant else Outcome.NONE
-    elif significant:  # the identified effects explain at most a part
+    elif significant or min(effect.log_bayes_factor for effect in selected) < SIGNIFICANT_LOG_FACTOR:
+        # The identified effects explain at most a part, or one of them nothing after the others were refined.
         outcome = Outcome.UNKNOWN
     elif gap is not None and not _useful(gap, sum(effect.log_bayes_factor for effect in selected)):
         outcome = Outcome.REJECTED

@@ -37,6 +37,7 @@ MIN_CYCLES_OVER_COLUMNS = 1.0  # a slower wave resembles drift, which is constan
 MIN_FREQUENCIES = 30  # near a multiple, for the level of the noise
 MIN_WINDOW = 0.05  # smallest power of the subset's window that scales the noise
 MIN_FRACTION_OVER_ROWS = 0.25  # beyond, the noise of the maps falls faster with frequency than its level is known
+MAX_TURNED_CYCLES, TURNED, SAME_CYCLES = 0.6, 25, 0.1  # cycles over the columns more or less than those of a frequency
 TAPERED = 0.5  # share of rows and columns with reduced weight: slow noise leaks less into fast waves
 
 
@@ -53,6 +54,7 @@ class MapWave:
         log_factor: log Bayes factor of the class.
         p_value: probability of the power at any tested frequency without a wave.
         certain: whether the neighbouring multiples of the row rate are less likely by `MIN_LOG_ODDS`.
+        of_beam: whether the wave has as many cycles over the columns as a wave of its frequency; a wave over the field may have any number.
     """
 
     family: RowEffectClass
@@ -63,6 +65,7 @@ class MapWave:
     log_factor: float
     p_value: float
     certain: bool
+    of_beam: bool
 
     def effect(self) -> IdentifiedEffect:
         """The wave as an effect."""
@@ -89,11 +92,11 @@ def diagnose_map_waves(series: Sequence[MapSeries]) -> RowDiagnosis | None:
     wave = None
     if odds[family.name] >= MIN_LOG_FACTOR and 2.0 * p_value <= SIGNIFICANCE_LEVEL:
         wave = _refined(series, spectrum, at, family, odds[family.name])
-    outcome = Outcome.NONE if wave is None else Outcome.IDENTIFIED if wave.certain else Outcome.UNKNOWN
+    outcome = Outcome.NONE if wave is None else Outcome.IDENTIFIED if wave.certain and wave.of_beam else Outcome.UNKNOWN
     excess = np.clip(spectrum.power[:, at] - 1.0, 0.0, None) / spectrum.information[:, at]
     test = DomainTest("map_waves", min(1.0, 2.0 * p_value), float(np.sqrt(np.mean(excess))))
     noise_px = float(np.sqrt(np.mean([np.var(one.shift_px[:, one.valid]) for one in series])))
-    effects = () if wave is None else (wave.effect(),)
+    effects = (wave.effect(),) if wave is not None and wave.of_beam else ()
     sizes = len(series), max(len(one.row_px) for one in series)
     return RowDiagnosis(outcome, effects, (), None, (test,), tuple(odds.items()), *sizes, noise_px, (), (), 0.0)
 
@@ -190,7 +193,22 @@ def _refined(series: Sequence[MapSeries], spectrum: Spectrum, at: int, family: R
     certain = float(spectrum.total[at]) * (1.0 - second) > MIN_LOG_ODDS and (not tested or bool(spectrum.total[at] - rival > MIN_LOG_ODDS))
     family = family if tested else periodic_effect_of(top_hz)
     sigma_hz = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else step_hz
-    return MapWave(family, top_hz, sigma_hz, amplitude_px, sigma_px, log_factor, min(1.0, 2.0 * spectrum.p_value(at)), certain)
+    p_value = min(1.0, 2.0 * spectrum.p_value(at))
+    return MapWave(family, top_hz, sigma_hz, amplitude_px, sigma_px, log_factor, p_value, certain, _is_of_beam(series, top_hz, noise_px))
+
+
+def _is_of_beam(series: Sequence[MapSeries], frequency_hz: float, noise_px: Array) -> bool:
+    """Whether no other number of cycles over the columns explains the maps better than that of the frequency.
+
+    The rows give the distance from a multiple of the row rate, and the columns the multiple. Waves over the field with 0.23 and 0.48 cycles
+    more than any multiple, moire patterns of an independent generator, were identified as vibrations.
+    """
+    turned = np.linspace(-MAX_TURNED_CYCLES, MAX_TURNED_CYCLES, TURNED)
+    explained = np.array([sum(one.amplitude(frequency_hz, float(cycles))[1] for one in series) for cycles in turned])
+    own, best = float(explained[TURNED // 2]), int(np.argmax(explained))
+    amplitudes_px = np.stack([one.amplitude(frequency_hz)[0] for one in series])
+    log_likelihood = 0.5 * float(np.sum(np.sum(amplitudes_px**2, axis=-1) / noise_px**2))
+    return abs(float(turned[best])) <= SAME_CYCLES or log_likelihood * (float(explained[best]) / own - 1.0) < MIN_LOG_FACTOR
 
 
 def _likeliest_multiple(series: Sequence[MapSeries], frequency_hz: float) -> tuple[float, float]:

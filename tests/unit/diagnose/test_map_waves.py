@@ -28,16 +28,20 @@ FIVE_PAIRS = Conditions(61, calibration=5, tension=0, subset_px=43)
 
 @dataclass(frozen=True, slots=True)
 class SampledVibration(Effect):
-    """A vibration, 0.05 px, as complete rows sample it: between rows it continues with its alias, so that addresses are unique."""
+    """A vibration, 0.05 px, as complete rows sample it: between rows it continues with its alias, so that addresses are unique.
+
+    With more cycles over 740 px it is a wave over the field, such as moire, and none of the beam.
+    """
 
     name = "vibration"
     frequency_hz: float
+    turned_cycles: float = 0.0
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Equal waves in both axes, with a phase of its own in every frame."""
         row_time_s = at.scan.frame_time_s / at.scan.height_px
         cycles = self.frequency_hz * row_time_s
-        phase = (cycles - round(cycles)) * at.y_px + self.frequency_hz * at.scan.dwell_time_s * at.x_px
+        phase = (cycles - round(cycles)) * at.y_px + (self.frequency_hz * at.scan.dwell_time_s + self.turned_cycles / 740.0) * at.x_px
         wave = 0.05 * np.sin(2.0 * np.pi * (phase + np.random.default_rng(at.frame).uniform()))
         return wave, wave
 
@@ -71,6 +75,12 @@ def test_a_wave_that_turns_less_than_once_over_the_columns_is_not_named_at_the_n
     assert found.outcome is Outcome.IDENTIFIED
     (frequency,) = [parameter for parameter in found.effects[0].parameters if parameter.name == "frequency_hz"]
     assert (found.effects[0].name, frequency.value) == ("vibration", pytest.approx(9.5, abs=4e-3))
+
+
+def test_a_wave_over_the_field_between_two_multiples_is_not_named() -> None:
+    found = diagnose_map_waves(map_series(run(SampledVibration(37.3, 0.45))))
+    assert found is not None
+    assert (found.outcome, found.effects) == (Outcome.UNKNOWN, ())
 
 
 def test_drift_distortion_and_noise_are_no_wave() -> None:
