@@ -41,6 +41,7 @@ class MapStore(InMemoryStorage):
     def __init__(self, in_memory_bytes: int = _IN_MEMORY_BYTES, *, stays: bool = False) -> None:
         self._memory_bytes, self._stays = in_memory_bytes, stays
         self._file: int | None = None
+        self._close: weakref.finalize[[int], MapStore] | None = None
         self._slabs: dict[int, weakref.ref[NDArray[np.uint8]]] = {}
         self._number = 0
         self._newest = np.zeros(0, dtype=np.uint8)
@@ -135,16 +136,14 @@ class MapStore(InMemoryStorage):
             file.truncate(size)
             slab = mmap.mmap(file.fileno(), size)  # with a separate handle
             if hasattr(os, "pwrite"):
-                if self._file is not None:
-                    os.close(self._file)
+                if self._close is not None:
+                    self._close()
                 self._file = os.dup(file.fileno())
+                self._close = weakref.finalize(self, os.close, self._file)
+                self._close.atexit = False  # threads may still write; the end of the process closes it
         self._newest, self._used, self._number = np.frombuffer(slab, dtype=np.uint8), 0, self._number + 1
         in_use = {number: reference for number, reference in self._slabs.items() if reference() is not None}
         self._slabs = {**in_use, self._number: weakref.ref(self._newest)}
-
-    def __del__(self) -> None:
-        if self._file is not None:
-            os.close(self._file)
 
 
 def offload_pair(state: AnalysisState, pair: int, stored: tuple[DisparityMap, ...], store: Storage) -> AnalysisState:
