@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 from semlive.cli.app import run_app
 from semlive.cli.shared import progress_bar
 from semlive.service.runtime.blas import limit_blas_threads
-from semlive.service.runtime.garbage import collect_from_here
+from semlive.service.runtime.garbage import enable_garbage_collection
 from semlive_drivers.endpoint_lock import _LOCKS
 
 from .waiting import wait_until
@@ -159,7 +159,7 @@ def pytest_collection() -> Iterator[None]:
     try:
         return (yield)
     finally:
-        collect_from_here()
+        enable_garbage_collection()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

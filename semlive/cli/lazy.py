@@ -14,7 +14,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from semlive.service.runtime.garbage import collect_from_here
+from semlive.service.runtime.garbage import enable_garbage_collection
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def load(entry: CommandEntry) -> Any:
     with deferred_keyboard_interrupt():
         target = getattr(import_module(module), attribute)
     if not gc.isenabled():
-        collect_from_here()
+        enable_garbage_collection()
     if isinstance(target, typer.Typer):
         command: Any = typer.main.get_group(target)
     else:

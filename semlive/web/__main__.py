@@ -13,7 +13,7 @@ from pathlib import Path
 
 import uvicorn
 
-from semlive.service.runtime.garbage import collect_from_here
+from semlive.service.runtime.garbage import enable_garbage_collection
 from semlive.web.admission import Admission
 from semlive.web.app import ControlAddress, make_app
 from semlive.web.broadcaster import LogBroadcaster
@@ -32,7 +32,7 @@ _MAX_VIEWERS_S = 10.0
 
 def main() -> None:
     """Serve until a signal, or with `--exit-with-stdin` until the parent process has ended."""
-    collect_from_here()
+    enable_garbage_collection()
     parser = argparse.ArgumentParser()
     parser.add_argument("log", type=Path)
     parser.add_argument("--host", required=True)

@@ -120,9 +120,8 @@ def build_grid(columns: DesignMatrix) -> HyperparameterGrid:
     likely = _likely_points(evaluator, columns.priors.different())
 
     def most_likely(drift: DriftPrior) -> HyperparameterPoint:
-        return max(
-            chain((likely.pop(drift),), evaluator.with_distortion_priors(drift)), key=_evidence
-        )  # one of the points remains in memory
+        candidates = chain((likely.pop(drift),), evaluator.with_distortion_priors(drift))
+        return max(candidates, key=_evidence)  # taken one by one: only the most likely so far remains in memory
 
     return HyperparameterGrid(columns, evaluator.residual, tuple(parallel_map(most_likely, tuple(likely))))
 

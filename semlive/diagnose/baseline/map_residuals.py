@@ -1,4 +1,4 @@
-"""Residuals of all points of a map, from an estimate in the blocks."""
+"""Displacement by a baseline: in the blocks, and at all points of a map."""
 
 from __future__ import annotations
 
@@ -7,16 +7,9 @@ from numpy.typing import NDArray
 
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.observation import Observation
-from semlive.estimate.joint.observations.state import MapObservations
 
 Array = NDArray[np.float64]
 ESTIMATE_ORDER, EXTRAPOLATED = 5, 1.15  # polynomial of the estimate; half a block lies beyond the centres of the outer ones
-
-
-def map_residual_px(observation: Observation, rows: MapObservations, estimate_px: Array) -> Array:
-    """(2, n, m) map minus an estimate (b, 2) in the blocks, along x and along y, px; not finite where the map is not valid."""
-    at_px = rows.position_px[observation.valid_blocks]
-    return np.stack((rows.dmap.u_px, rows.dmap.v_px)) - over_grid_px(observation, at_px, estimate_px)
 
 
 def over_grid_px(observation: Observation, position_px: Array, estimate_px: Array) -> Array:

@@ -95,7 +95,7 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
     work = earlier_work + _scoring_work(baseline, candidates)
     state = Search(baseline, baseline, (), candidates, (), fine_scale, (), residual_significant=True, work=work)
     while True:
-        ranked = [candidate for candidate in candidates if not _resembles_wander(candidate, state.effects)]
+        ranked = [candidate for candidate in candidates if not _may_be_wandering_drift(candidate, state.effects)]
         most_significant = max(ranked, key=lambda candidate: candidate.log_factor)
         p_value = _p_value(candidates, most_significant.log_factor, draws=null.noise[0].shape[1])
         state = replace(state, residual_significant=p_value <= SIGNIFICANCE_LEVEL)
@@ -120,7 +120,7 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
         candidates = _score_remaining(state, dictionary, projections, (null.noise[0].shape[1], seed))
 
 
-def _resembles_wander(candidate: CandidateEvidence, effects: Sequence[SelectedEffect]) -> bool:
+def _may_be_wandering_drift(candidate: CandidateEvidence, effects: Sequence[SelectedEffect]) -> bool:
     """Whether a jump, or an oscillation next to other effects, is so weak that a drift that wanders may be it (`MIN_JUMP_LOG_FACTOR`)."""
     name = candidate.family.name
     weak = candidate.log_factor < MIN_JUMP_LOG_FACTOR

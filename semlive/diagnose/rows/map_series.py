@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from semlive.diagnose.baseline.map_residuals import map_residual_px, over_grid_px
+from semlive.diagnose.baseline.map_residuals import over_grid_px
 from semlive.diagnose.baseline.observation import Observation
 from semlive.estimate.joint.observations.design_columns import predicted
 from semlive.estimate.joint.observations.state import MapObservations
@@ -49,21 +49,21 @@ class MapSeries:
         along_y = np.sinc((rows - np.round(rows)) * self.subset_px)
         return np.abs(along_y * np.sinc(np.asarray(frequency_hz) * self.dwell_time_s * self.subset_px))
 
-    def wave_columns(self, frequency_hz: float, turned_cycles: float = 0.0) -> Array:
+    def wave_columns(self, frequency_hz: float, extra_cycles: float = 0.0) -> Array:
         """(n m, 2) cosine and sine of a wave of 1 px of beam deflection, without the same trends as the data.
 
         Args:
             frequency_hz: frequency, Hz.
-            turned_cycles: cycles over the columns in addition to those of a wave of this frequency.
+            extra_cycles: cycles over the columns in addition to those of a wave of this frequency.
         """
-        rows, columns = frequency_hz * self.row_time_s, frequency_hz * self.dwell_time_s + turned_cycles / float(np.ptp(self.column_px))
+        rows, columns = frequency_hz * self.row_time_s, frequency_hz * self.dwell_time_s + extra_cycles / float(np.ptp(self.column_px))
         phase = 2.0 * np.pi * ((rows - round(rows)) * self.row_px[:, None] + columns * self.column_px)
         waves = np.stack([np.cos(phase), np.sin(phase)]) * float(self.remaining(frequency_hz))
         return np.stack([_without_trends(wave, self.valid, self.trends).ravel() for wave in waves], axis=-1)
 
-    def amplitude(self, frequency_hz: float, turned_cycles: float = 0.0) -> tuple[Array, float]:
+    def amplitude(self, frequency_hz: float, extra_cycles: float = 0.0) -> tuple[Array, float]:
         """(2, 2) least-squares cosine and sine amplitude along x and y, px, and the gain in the sum of squares, px^2."""
-        columns = self.wave_columns(frequency_hz, turned_cycles)
+        columns = self.wave_columns(frequency_hz, extra_cycles)
         normal, right = columns.T @ columns, columns.T @ self.shift_px.reshape(2, -1).T
         solved = np.linalg.solve(normal + 1e-9 * np.trace(normal) * np.eye(2), right)
         return solved.T, float(np.sum(solved * right))
@@ -101,7 +101,9 @@ def map_series(observation: Observation) -> tuple[MapSeries, ...]:
 
 def _residual_px(observation: Observation, rows: MapObservations) -> Array:
     """(2, n, m) map minus the estimate along x and along y, px; not finite where the map is not valid."""
-    return map_residual_px(observation, rows, predicted(observation.state, rows, observation.solution.mean)[observation.valid_blocks])
+    used = observation.valid_blocks
+    estimate_px = predicted(observation.state, rows, observation.solution.mean)[used]
+    return np.stack((rows.dmap.u_px, rows.dmap.v_px)) - over_grid_px(observation, rows.position_px[used], estimate_px)
 
 
 def _own_residual_px(observation: Observation, own: MapObservations, maps: Sequence[MapObservations]) -> Array:

@@ -37,7 +37,7 @@ MIN_CYCLES_OVER_COLUMNS = 1.0  # a slower wave resembles drift, which is constan
 MIN_FREQUENCIES = 30  # near a multiple, for the level of the noise
 MIN_WINDOW = 0.05  # smallest power of the subset's window that scales the noise
 MIN_FRACTION_OVER_ROWS = 0.25  # beyond, the noise of the maps falls faster with frequency than its level is known
-MAX_TURNED_CYCLES, TURNED, SAME_CYCLES = 0.6, 25, 0.1  # cycles over the columns more or less than those of a frequency
+MAX_EXTRA_CYCLES, CYCLE_STEPS, SAME_CYCLES = 0.6, 25, 0.1  # cycles over the columns more or less than those of a frequency
 TAPERED = 0.5  # share of rows and columns with reduced weight: slow noise leaks less into fast waves
 
 
@@ -203,12 +203,12 @@ def _is_of_beam(series: Sequence[MapSeries], frequency_hz: float, noise_px: Arra
     The rows give the distance from a multiple of the row rate, and the columns the multiple. Waves over the field with 0.23 and 0.48 cycles
     more than any multiple, moire patterns of an independent generator, were identified as vibrations.
     """
-    turned = np.linspace(-MAX_TURNED_CYCLES, MAX_TURNED_CYCLES, TURNED)
-    explained = np.array([sum(one.amplitude(frequency_hz, float(cycles))[1] for one in series) for cycles in turned])
-    own, best = float(explained[TURNED // 2]), int(np.argmax(explained))
+    extra = np.linspace(-MAX_EXTRA_CYCLES, MAX_EXTRA_CYCLES, CYCLE_STEPS)
+    explained = np.array([sum(one.amplitude(frequency_hz, float(cycles))[1] for one in series) for cycles in extra])
+    own, best = float(explained[CYCLE_STEPS // 2]), int(np.argmax(explained))
     amplitudes_px = np.stack([one.amplitude(frequency_hz)[0] for one in series])
     log_likelihood = 0.5 * float(np.sum(np.sum(amplitudes_px**2, axis=-1) / noise_px**2))
-    return abs(float(turned[best])) <= SAME_CYCLES or log_likelihood * (float(explained[best]) / own - 1.0) < MIN_LOG_FACTOR
+    return abs(float(extra[best])) <= SAME_CYCLES or log_likelihood * (float(explained[best]) / own - 1.0) < MIN_LOG_FACTOR
 
 
 def _likeliest_multiple(series: Sequence[MapSeries], frequency_hz: float) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from semlive.service.analysis.pipe import LOG_REPLACED, AnalysisOutput, Analysis
 from semlive.service.analysis.step import WorkerState, background_work, process_message
 from semlive.service.log.tail import LogReplaced, LogTail
 from semlive.service.runtime.blas import limit_blas_threads
-from semlive.service.runtime.garbage import collect_from_here
+from semlive.service.runtime.garbage import enable_garbage_collection
 from semlive.service.runtime.memory import trim_heap
 from semlive.service.runtime.pause import pause
 from semlive.service.storage.map_store import offload_pair
@@ -33,7 +33,7 @@ _POLL_S = 0.01
 
 def main() -> None:
     """Main function of the child process; it ends with its standard input."""
-    collect_from_here()
+    enable_garbage_collection()
     parser = argparse.ArgumentParser()
     parser.add_argument("--log", type=Path, required=True, help="the growing log")
     parser.add_argument("--inputs", type=int, default=0, help="number of input messages that the log already contains")

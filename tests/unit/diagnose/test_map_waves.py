@@ -35,13 +35,13 @@ class SampledVibration(Effect):
 
     name = "vibration"
     frequency_hz: float
-    turned_cycles: float = 0.0
+    extra_cycles: float = 0.0
 
     def offset_px(self, at: PixelVisits) -> Plane:
         """Equal waves in both axes, with a phase of its own in every frame."""
         row_time_s = at.scan.frame_time_s / at.scan.height_px
         cycles = self.frequency_hz * row_time_s
-        phase = (cycles - round(cycles)) * at.y_px + (self.frequency_hz * at.scan.dwell_time_s + self.turned_cycles / 740.0) * at.x_px
+        phase = (cycles - round(cycles)) * at.y_px + (self.frequency_hz * at.scan.dwell_time_s + self.extra_cycles / 740.0) * at.x_px
         wave = 0.05 * np.sin(2.0 * np.pi * (phase + np.random.default_rng(at.frame).uniform()))
         return wave, wave
 
