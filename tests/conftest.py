@@ -106,7 +106,8 @@ COMPILE = (
 def pytest_sessionstart(session: pytest.Session) -> None:
     """With several processes, compile before they start; all of them, and the daemons of their tests, would compile the same.
 
-    Besides kernels these are the modules of all packages and tests, which are compiled when the tests are collected a first time.
+    Besides kernels these are the modules of all packages and tests, which are compiled when the tests are collected a first time. The tests
+    begin when the file SEMLIVE_TESTS_WAIT_FOR exists, if it is set: programs of others are installed meanwhile.
     """
     count = getattr(session.config.option, "numprocesses", None)
     if not count or hasattr(session.config, "workerinput"):
@@ -117,6 +118,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         if count > 1:
             subprocess.run(collect, cwd=session.config.invocation_params.dir, stdout=output, stderr=output, check=False)
         assert [process.wait() for process in kernels] == [0] * len(COMPILE), "the kernels cannot be compiled"
+    if peers_installed := os.environ.get("SEMLIVE_TESTS_WAIT_FOR"):
+        wait_until(Path(peers_installed).exists, 600.0)
 
 
 COMPUTING = (

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
 from semlive.data.diagnosis.effects import HeldOutMisfit, IdentifiedEffect, Outcome
+from semlive.data.diagnosis.misfit_reason import MisfitCriterion, MisfitReason
 from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis, ExperimentProposal
 from semlive.model.effects.intensity import CHARGING_JUMP
 from semlive.model.effects.stage import non_map_effect
@@ -35,7 +36,7 @@ def add_map_wave_verdict(maps: Diagnosis, waves: RowDiagnosis, adequacy: Adequac
     """
     explained = maps.outcome is Outcome.UNKNOWN and not maps.effects and adequacy is not None and adequacy.passed
     if waves.outcome is Outcome.IDENTIFIED and explained:
-        maps = replace(maps, outcome=Outcome.NONE, adequacy=adequacy, closest=(), outside=None)
+        maps = replace(maps, outcome=Outcome.NONE, adequacy=adequacy, closest=(), outside=None, unexplained=())
     return _combine(maps, waves)
 
 
@@ -69,7 +70,15 @@ def _combine(maps: Diagnosis, channel: RowDiagnosis | IntensityDiagnosis, gap: H
     if channel.outcome is Outcome.NONE or (channel.outcome is Outcome.REJECTED and maps.outcome is not Outcome.NONE):
         return merged
     if channel.outcome is Outcome.UNKNOWN and maps.outcome is not Outcome.REJECTED:
-        return replace(merged, outcome=Outcome.UNKNOWN, effects=(*maps.effects, *channel.effects), ambiguous=(), experiment=None)
+        criterion = MisfitCriterion.ROWS if isinstance(channel, RowDiagnosis) else MisfitCriterion.GREY_LEVELS
+        return replace(
+            merged,
+            outcome=Outcome.UNKNOWN,
+            effects=(*maps.effects, *channel.effects),
+            ambiguous=(),
+            experiment=None,
+            unexplained=(*maps.unexplained, MisfitReason(criterion)),
+        )
     merged = replace(merged, effects=(*maps.effects, *channel.effects))
     if maps.outcome is Outcome.NONE or (maps.outcome is Outcome.IDENTIFIED and channel.outcome in _IDENTIFIED_OUTCOMES):
         outcome = channel.outcome

@@ -9,6 +9,7 @@ from semlive.data.diagnosis.verdict import SETTLING_LAWS, UNDERRESOLVED, Diagnos
 from semlive.data.frame import FrameInfo
 from semlive.diagnose.experiments.proposals import choose_proposal
 from semlive.diagnose.simulation_comparison import Proof
+from semlive.model.effects import EFFECT_CLASSES
 from semlive.model.effects.load_cell import LOAD_CELL_EFFECTS
 from semlive.model.effects.stage import non_map_effect
 from semlive.report.diagnosis_figures import (
@@ -58,7 +59,7 @@ def diagnosis_report(
     size_m = 0.0 if first is None else first.pixel_size_m.value
     scale = ImageScale(1e6 * size_m if size_m > 0 else None)
     with publication_style():
-        parts = [Section("Verdict", (Paragraph(_OUTCOMES[diagnosis.outcome]), Paragraph(_verdict(diagnosis))))]
+        parts = [Section("Verdict", (Paragraph(_OUTCOMES[diagnosis.outcome]), Paragraph(_verdict(diagnosis)), *_not_explained(diagnosis)))]
         if first is not None:
             table = Table(
                 "Settings of the microscope, as recorded for frame 0.", ("quantity", "value", "source"), instrument_rows(first), text=True
@@ -89,7 +90,8 @@ def _verdict(diagnosis: Diagnosis) -> str:
     text = diagnosis.outcome.value
     if diagnosis.effects:
         first = diagnosis.effects[0]
-        text += f": {' + '.join(effect.name for effect in diagnosis.effects)}, at most {first.peak_px:.3f} px, p = {first.p_value:.3f}"
+        state = ": closest, not found: " if diagnosis.outcome is Outcome.UNKNOWN else ": "
+        text += f"{state}{' + '.join(effect.name for effect in diagnosis.effects)}, at most {first.peak_px:.3f} px, p = {first.p_value:.3f}"
     if diagnosis.ambiguous:
         text += f"; equally likely: {', '.join(diagnosis.ambiguous)}"
     if diagnosis.group:
@@ -99,13 +101,31 @@ def _verdict(diagnosis: Diagnosis) -> str:
     return text + "".join(f"; {name}: {UNDERRESOLVED[name]}" for name in diagnosis.coarse) + "."
 
 
+def _not_explained(diagnosis: Diagnosis) -> tuple[Block, ...]:
+    """What the effects do not explain, and the closest effects of an UNKNOWN; empty if there is nothing."""
+    lines = [f"Not explained: {reason.text}." for reason in diagnosis.unexplained]
+    test = diagnosis.adequacy
+    if test is not None and not test.passed:
+        lines.append(
+            f"With all effects the residual of the maps is still not noise: test over {test.domain}, p = {test.p_value:.1g}, "
+            f"{test.rms_px:.4f} px rms."
+        )
+    if diagnosis.closest:
+        shares = ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in diagnosis.closest)
+        lines.append(f"Closest effects, none of them found, with the share of the gap that each closes alone: {shares}.")
+    return (Bullets(tuple(lines)),) if lines else ()
+
+
 def _effect(effect: IdentifiedEffect, diagnosis: Diagnosis) -> Section:
     name = effect.model_effect.name
     correction = "on" if (non_map_effect(name) is None and not effect.strain) or name in LOAD_CELL_EFFECTS else "off"
+    discrete = next((family.discrete_parameters for family in EFFECT_CLASSES if family.name == name), ())
     rows = [
         (
             parameter.name,
-            " or ".join(with_sigma(*value) for value in ((parameter.value, parameter.sigma), *parameter.alternatives)),
+            " or ".join(with_sigma(*value) for value in ((parameter.value, parameter.sigma), *parameter.alternatives))
+            if parameter.name not in discrete
+            else f"{parameter.value:g}",
             f"{parameter.value / parameter.sigma:.1f}" if parameter.sigma > 0 else "",
             parameter.unit,
             correction,
@@ -124,7 +144,8 @@ def _effect(effect: IdentifiedEffect, diagnosis: Diagnosis) -> Section:
                 "effects subtracted, with two standard uncertainties. Line: the effect with its fitted parameters."
             )
             blocks.append(FigureBlock(f"profile-{name.replace('_', '-')}", f"Amplitude of {name}", caption, effect_profile(profile)))
-    return Section(effect.name, tuple(blocks))
+    title = f"{effect.name} (closest, not found)" if diagnosis.outcome is Outcome.UNKNOWN else effect.name
+    return Section(title, tuple(blocks))
 
 
 def _attenuation(effect: IdentifiedEffect) -> str:

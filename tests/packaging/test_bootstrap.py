@@ -43,6 +43,7 @@ def project(go: types.ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         python.parent.mkdir(parents=True, exist_ok=True)
         python.touch()
 
+    monkeypatch.setenv("PATH", str(tmp_path))  # without uv
     monkeypatch.setattr(go, "ROOT", tmp_path)
     monkeypatch.setattr(go, "run_logged", install)
     monkeypatch.setattr(go, "make_environment", make)
@@ -114,6 +115,25 @@ def test_a_failed_installation_gives_one_error_line_and_is_tried_again(go: types
         with pytest.raises(go.Refused, match=r"No matching distribution found for sand.*see .*semlive-setup\.log"):
             go.set_up(venv, "run")
     assert installs(project) == ["run", "run"]
+
+
+@pytest.mark.parametrize(("code", "installers"), [(0, ["uv"]), (2, ["uv", "pip"])])
+def test_uv_is_used_where_it_is_on_path_and_pip_where_it_fails(
+    go: types.ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, code: int, installers: list[str]
+) -> None:
+    """Both programs only record that they were called."""
+    called = tmp_path / "called.txt"
+    python = go.python_of(tmp_path / "venv")
+    python.parent.mkdir(parents=True)
+    for program, name, result in ((tmp_path / "uv", "uv", code), (python, "pip", 0)):
+        program.write_text(f"#!/bin/sh\necho {name} >> {called}\nexit {result}\n", "utf-8")
+        program.chmod(0o755)
+    (tmp_path / "pyproject.toml").write_text("[project]\n", "utf-8")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(go, "ROOT", tmp_path)
+    monkeypatch.setattr(go, "make_environment", lambda venv: None)
+    go.set_up(tmp_path / "venv", "run")
+    assert called.read_text("utf-8").split() == installers
 
 
 def test_a_folder_that_is_no_environment_is_not_changed(go: types.ModuleType, tmp_path: Path) -> None:

@@ -103,6 +103,8 @@ def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     found = diagnosis.outcome is not Outcome.UNKNOWN
     for effect in diagnosis.effects:
         console.print(_effect_table(effect, found))
+    for reason in diagnosis.unexplained:
+        console.print(f"not explained: {reason.text}")
     if diagnosis.closest:
         shares = ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in diagnosis.closest)
         console.print(f"closest effects, none of them found, with the share of the gap that each closes alone: {shares}")
@@ -131,7 +133,7 @@ def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     if rows is None:
         console.print(diagnosis.images.no_rows)
     else:
-        console.print(f"rows: {rows.pairs} pairs of {rows.rows}, noise of a pair {rows.noise_px:.4f} px")
+        console.print(f"rows: {rows.pairs} pairs of {rows.rows}, {rows.outcome.value}; noise of a pair {rows.noise_px:.4f} px")
     console.print(_grey_line(diagnosis))
     for start in SETTLING_LAWS:
         console.print(settling_text(start))

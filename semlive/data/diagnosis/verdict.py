@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from semlive.data.diagnosis.channels import IntensityDiagnosis, RowDiagnosis
 from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.misfit_reason import MisfitReason
 
 Values = NDArray[np.float64]
 
@@ -246,6 +247,7 @@ class Diagnosis:
         adequacy: test of the residual of the maps with all effects; None if it was not possible.
         closest: for UNKNOWN, names of the most likely single effects, and the share of the gap that each closes alone; none is found.
         outside: test of the maps for anything outside the catalogue; None if the maps were tested again with a wave.
+        unexplained: for UNKNOWN, the criteria that failed.
     """
 
     outcome: Outcome
@@ -267,3 +269,4 @@ class Diagnosis:
     adequacy: AdequacyTest | None = None
     closest: tuple[tuple[str, float], ...] = ()
     outside: OutsideTest | None = None
+    unexplained: tuple[MisfitReason, ...] = ()

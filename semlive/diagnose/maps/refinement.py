@@ -73,7 +73,8 @@ class RefinedEffect:
             ParameterEstimate(theta.name, values[theta.name], sigma, theta.unit, self.alternatives)
             for theta, sigma in zip(self.family.nonlinear_parameters, self.sigmas, strict=True)
         ]
-        return (*reported_parameters(self.field, self.amplitudes, self.covariance), *own)
+        discrete = [ParameterEstimate(name, values[name], 0.0, "") for name in self.family.discrete_parameters]
+        return (*reported_parameters(self.field, self.amplitudes, self.covariance), *own, *discrete)
 
 
 def refined(baseline: HyperparameterGrid, candidate: CandidateEvidence) -> RefinedEffect:

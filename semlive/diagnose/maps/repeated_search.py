@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import DomainTest, ModelEffect
+from semlive.data.diagnosis.misfit_reason import MisfitCriterion, MisfitReason
 from semlive.data.diagnosis.verdict import AdequacyTest
 from semlive.diagnose.baseline.baseline import HyperparameterGrid
 from semlive.diagnose.baseline.bayes_factor import NullDraws
@@ -67,7 +68,7 @@ class SearchResult:
         baseline_with_effects: the baseline with all effects.
         effects: the identified effects, fitted jointly.
         fields: for each effect, given ones first, (f, b, 2, q) displacement of unit amplitudes, px.
-        residual_significant: whether a significant residual remains, or an effect has another time course than its basis field.
+        unexplained: why something in the data is not explained: a residual, or an effect with another time course than its basis field.
         searches: number of searches of the verdict so far.
     """
 
@@ -76,7 +77,7 @@ class SearchResult:
     baseline_with_effects: HyperparameterGrid
     effects: tuple[SelectedEffect, ...]
     fields: tuple[Array, ...]
-    residual_significant: bool
+    unexplained: tuple[MisfitReason, ...]
     searches: int = 1
 
     @classmethod
@@ -94,16 +95,22 @@ class SearchResult:
         earlier_work, searches = (earlier.search.work, earlier.searches) if earlier else (0.0, 0)
         tests, final = run_domain_tests(screening.baseline, null), search(screening, families, null, draws[1], earlier_work)
         effects = _refit_jointly(final.baseline_with_effects, final.effects)
-        significant = final.residual_significant or _alternative_more_likely(final.baseline, final.baseline_with_effects, effects)
+        residual = final.remaining
+        unexplained = () if residual is None else (MisfitReason(MisfitCriterion.RESIDUAL, residual.family.name, residual.log_factor),)
         return cls(
             tests,
             final,
             final.baseline_with_effects,
             effects,
             (*screening.model_fields, *(effect.refined.field_px for effect in effects)),
-            significant,
+            unexplained or _more_likely_alternatives(final.baseline, final.baseline_with_effects, effects),
             searches + 1,
         )
+
+    @property
+    def residual_significant(self) -> bool:
+        """Whether something in the data is not explained."""
+        return bool(self.unexplained)
 
     @property
     def allows_another_search(self) -> bool:
@@ -195,9 +202,7 @@ def _without_negligible(result: SearchResult, model_effects: Sequence[ModelEffec
     if not result.effects or any(effect.refined.peak_px > negligible_px(effect.refined.family.name, scene) for effect in result.effects):
         return result
     baseline = result.search.baseline
-    plain = replace(
-        result, baseline_with_effects=baseline, effects=(), fields=result.fields[: len(model_effects)], residual_significant=False
-    )
+    plain = replace(result, baseline_with_effects=baseline, effects=(), fields=result.fields[: len(model_effects)], unexplained=())
     test = residual_adequacy(plain, model_effects)
     return plain if test is not None and test.passed else result
 
@@ -232,14 +237,13 @@ def _refit_jointly(baseline_with_effects: HyperparameterGrid, effects: Sequence[
     )
 
 
-def _alternative_more_likely(
+def _more_likely_alternatives(
     baseline: HyperparameterGrid, baseline_with_effects: HyperparameterGrid, effects: Sequence[SelectedEffect]
-) -> bool:
-    """Whether an unnamed field or another time course is more likely than the named effects in any round."""
+) -> tuple[MisfitReason, ...]:
+    """Whether an unnamed field, in any round, or another time course is more likely than the named effects; empty if not."""
     remaining_factors = np.cumsum([effect.log_bayes_factor for effect in reversed(effects)])[::-1]
-    if any(effect.unnamed_log_factor > total + MIN_LOG_ODDS for effect, total in zip(effects, remaining_factors, strict=True)):
-        return True
-    return (
-        alternative_time_course_odds(baseline_with_effects, baseline.design, [effect.refined for effect in effects])
-        > SIGNIFICANT_LOG_FACTOR
-    )
+    for effect, total in zip(effects, remaining_factors, strict=True):
+        if effect.unnamed_log_factor > total + MIN_LOG_ODDS:
+            return (MisfitReason(MisfitCriterion.UNNAMED_FIELD, effect.names[0], float(effect.unnamed_log_factor - total)),)
+    odds = alternative_time_course_odds(baseline_with_effects, baseline.design, [effect.refined for effect in effects])
+    return (MisfitReason(MisfitCriterion.TIME_COURSE, value=float(odds)),) if odds > SIGNIFICANT_LOG_FACTOR else ()

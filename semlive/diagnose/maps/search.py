@@ -55,7 +55,7 @@ class Search:
         excluded: effect classes that were selected, once for each time; none is tested again beyond its largest number.
         fine_scale_candidates: candidates for components of the baseline finer than its splines.
         underresolved_splines: names of splines that are too coarse; their residual has been added to the baseline.
-        residual_significant: whether the remaining residual is significant.
+        remaining: the most likely class in the remaining residual, if it is significant; else None.
         work: number of multiplications of the verdict so far, earlier searches and screenings included, about.
         truncated: whether the next round, another search, or terms finer than the splines were omitted at `MAX_WORK_PER_FRAME` or
             `MAX_PARAMETERS`.
@@ -68,7 +68,7 @@ class Search:
     excluded: tuple[EffectClass, ...]
     fine_scale_candidates: tuple[EffectClass, ...]
     underresolved_splines: tuple[str, ...]
-    residual_significant: bool
+    remaining: CandidateEvidence | None
     work: float
     truncated: bool = False
 
@@ -93,13 +93,13 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
     if _needs_draws(candidates):
         candidates = with_draws(baseline, candidates, null, projections)
     work = earlier_work + _scoring_work(baseline, candidates)
-    state = Search(baseline, baseline, (), candidates, (), fine_scale, (), residual_significant=True, work=work)
+    state = Search(baseline, baseline, (), candidates, (), fine_scale, (), remaining=None, work=work)
     while True:
         ranked = [candidate for candidate in candidates if not _may_be_wandering_drift(candidate, state.effects)]
         most_significant = max(ranked, key=lambda candidate: candidate.log_factor)
         p_value = _p_value(candidates, most_significant.log_factor, draws=null.noise[0].shape[1])
-        state = replace(state, residual_significant=p_value <= SIGNIFICANCE_LEVEL)
-        fine = state.residual_significant and most_significant.family in state.fine_scale_candidates
+        state = replace(state, remaining=most_significant if p_value <= SIGNIFICANCE_LEVEL else None)
+        fine = state.remaining is not None and most_significant.family in state.fine_scale_candidates
         if fine and not has_room_for_terms(state.baseline):
             return replace(state, truncated=True)
         if fine:
@@ -111,7 +111,7 @@ def search(screening: Screening, dictionary: Sequence[EffectClass], null: NullDr
                 key=lambda candidate: candidate.log_factor,
                 default=None,
             )
-            if not state.residual_significant or best is None or best.log_factor < SIGNIFICANT_LOG_FACTOR or is_full(state.effects):
+            if state.remaining is None or best is None or best.log_factor < SIGNIFICANT_LOG_FACTOR or is_full(state.effects):
                 return state
             predicted = _round_work(state, candidates, best)
             if not state.allows(predicted):

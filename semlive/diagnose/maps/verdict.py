@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome
+from semlive.data.diagnosis.misfit_reason import MisfitCriterion, MisfitReason
 from semlive.data.diagnosis.verdict import AdequacyTest, Diagnosis, ExperimentProposal, RunExtent
 from semlive.diagnose.baseline.baseline import HyperparameterGrid, build_grid
 from semlive.diagnose.baseline.bayes_factor import CandidateEvidence, overlap, score_candidates
@@ -62,11 +63,12 @@ def diagnose(
     shares = strain_attenuation(baseline_with_effects, result.fields, len(model_effects))[len(model_effects) :]
     width, height = (2.0 * observation.state.centre_px + 1.0).round().astype(int).tolist()
     lines = _lines(result, modelled_hz)
-    significant = result.residual_significant or lines.p_value <= SIGNIFICANCE_LEVEL
-    verdict = _verdict(effects, significant, gap, (*result.domain_tests, lines), baseline, shares)
+    unexplained = _unexplained(result, lines)
+    verdict = _verdict(effects, bool(unexplained), gap, (*result.domain_tests, lines), baseline, shares)
     adequacy = residual_adequacy(result, model_effects)
     if verdict.outcome is Outcome.NONE and adequacy is not None and not adequacy.passed:
         verdict = replace(verdict, outcome=Outcome.UNKNOWN)
+        unexplained = (MisfitReason(MisfitCriterion.ADEQUACY, adequacy.domain, adequacy.p_value),)
     if lines.p_value <= SIGNIFICANCE_LEVEL:
         adequacy = AdequacyTest(lines.domain, lines.p_value, lines.rms_px, SIGNIFICANCE_LEVEL)
     names, fields = [effect.names[0] for effect in effects], [effect.refined.field_px for effect in effects]
@@ -82,6 +84,7 @@ def diagnose(
         adequacy=adequacy,
         closest=_closest(result, seed) if verdict.outcome is Outcome.UNKNOWN else (),
         outside=outside_test(verdict.outcome),
+        unexplained=unexplained,
     )
     return replace(verdict, model_effects=tuple(model_effects), run=RunExtent(observation.geometry.end_s, (width, height)))
 
@@ -91,6 +94,17 @@ def _lines(result: SearchResult, modelled_hz: Sequence[float]) -> DomainTest:
     if FINE_DISTORTION.name in result.search.underresolved_splines:
         return DomainTest(SPATIAL_LINES, 1.0, 0.0)
     return spatial_line_test(result.baseline_with_effects, modelled_hz)
+
+
+def _unexplained(result: SearchResult, lines: DomainTest) -> tuple[MisfitReason, ...]:
+    """What the data contain that the effects do not explain, or an effect that explains nothing after the others were refined."""
+    reasons = list(result.unexplained)
+    if lines.p_value <= SIGNIFICANCE_LEVEL:
+        reasons.append(MisfitReason(MisfitCriterion.SPATIAL_LINES, value=lines.p_value))
+    weakest = min(result.effects, key=lambda effect: effect.log_bayes_factor, default=None)
+    if weakest is not None and weakest.log_bayes_factor < SIGNIFICANT_LOG_FACTOR:
+        reasons.append(MisfitReason(MisfitCriterion.WEAK_EFFECT, weakest.names[0], weakest.log_bayes_factor))
+    return tuple(reasons)
 
 
 def _closest(result: SearchResult, seed: int) -> tuple[tuple[str, float], ...]:
@@ -146,8 +160,7 @@ def _verdict(
     unsure = next((effect for effect in selected if effect.rivals or len(effect.names) > 1), None)
     if not selected:
         outcome = Outcome.UNKNOWN if significant else Outcome.NONE
-    elif significant or min(effect.log_bayes_factor for effect in selected) < SIGNIFICANT_LOG_FACTOR:
-        # The identified effects explain at most a part, or one of them nothing after the others were refined.
+    elif significant:  # the identified effects explain at most a part
         outcome = Outcome.UNKNOWN
     elif gap is not None and not _useful(gap, sum(effect.log_bayes_factor for effect in selected)):
         outcome = Outcome.REJECTED

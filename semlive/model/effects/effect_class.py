@@ -116,6 +116,7 @@ class EffectClass:
         recurrence: recurrence in another run.
         linear_in_parameters: whether the basis field is a linear function of the nonlinear parameters.
         max_count: largest number of effects of this class in one run, each with its own parameters.
+        discrete_parameters: parameters of the grid that are not refined, reported without uncertainty.
     """
 
     name: str
@@ -131,6 +132,7 @@ class EffectClass:
     recurrence: Recurrence = Recurrence.SAME_AMPLITUDE
     linear_in_parameters: bool = False
     max_count: int = 1
+    discrete_parameters: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

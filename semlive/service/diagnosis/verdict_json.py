@@ -33,6 +33,7 @@ def diagnosis_json(verdict: Diagnosis) -> dict[str, object]:
         "truncated": verdict.truncated,
         "adequacy": None if verdict.adequacy is None else {**asdict(verdict.adequacy), "passed": verdict.adequacy.passed},
         "closest": dict(verdict.closest),
+        "unexplained": [{**asdict(reason), "about": reason.text} for reason in verdict.unexplained],
         "outside": None if verdict.outside is None else asdict(verdict.outside),
         "pairs": {"used": verdict.run.pairs[0], "of": verdict.run.pairs[1]},
         "rows": _rows_json(verdict),

@@ -14,6 +14,7 @@ from blind.observing import QUICK, observed
 
 from semlive.cli.after_run.confirmation import SimulationRequest, prove
 from semlive.data.diagnosis.effects import Outcome
+from semlive.data.diagnosis.misfit_reason import MisfitCriterion
 from semlive.data.grid import Grid
 from semlive.diagnose.baseline.baseline import build_grid
 from semlive.diagnose.baseline.bayes_factor import score_candidates
@@ -107,6 +108,7 @@ def test_without_its_name_an_effect_is_unknown_and_is_not_simulated(drifting: Ob
 
     assert found.outcome is Outcome.UNKNOWN
     assert [item.name for item in found.effects] == ["refocus_magnification_step"]  # the closest is named
+    assert [(reason.criterion, reason.name) for reason in found.unexplained] == [(MisfitCriterion.RESIDUAL, "linear_map_that_wanders")]
 
     proof = prove(
         found, drifting, tmp_path / "log", lambda path: pytest.fail(f"{path} is written"), SimulationRequest("short", tmp_path), None

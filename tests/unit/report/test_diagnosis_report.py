@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from semlive.data.diagnosis.effects import DomainTest, HeldOutMisfit, IdentifiedEffect, ModelEffect, Outcome, ParameterEstimate
-from semlive.data.diagnosis.verdict import Diagnosis, DiagnosisFigureData, EffectProfile, ImageVerdicts, RunExtent, StrainBias
+from semlive.data.diagnosis.misfit_reason import MisfitCriterion, MisfitReason
+from semlive.data.diagnosis.verdict import (
+    AdequacyTest,
+    Diagnosis,
+    DiagnosisFigureData,
+    EffectProfile,
+    ImageVerdicts,
+    RunExtent,
+    StrainBias,
+)
 from semlive.data.frame import ColumnSettings, FrameInfo
 from semlive.data.scan import Provenance, ScanTiming, Sourced
 from semlive.report.diagnosis_figures import MAX_RESIDUAL_MAPS
@@ -81,6 +90,25 @@ def test_the_text_states_verdict_parameters_and_limits(document: Document) -> No
     assert "40 of 80 pairs were used" in text
     assert text.count("The log holds no images.") == 2
     assert "acceleration voltage 30 kV, detector not recorded" in text
+
+
+def test_an_unknown_states_what_failed_and_that_its_effects_are_not_found() -> None:
+    jump = ParameterEstimate("first_frame", 7.0, 0.0, "")
+    effect = IdentifiedEffect("jump_within_pair", (jump,), 0.25, 55.0, 0.003, False, ModelEffect("jump_within_pair", (), 0.1))
+    reason = MisfitReason(MisfitCriterion.RESIDUAL, "field_that_grows", 21.04)
+    verdict = Diagnosis(
+        Outcome.UNKNOWN, (effect,), (), None, None, None, (), 0.01, adequacy=AdequacyTest("space", 1e-9, 0.02, 0.01),
+        closest=(("stage_yaw", 0.314),), unexplained=(reason,),
+    )  # fmt: skip
+    document = diagnosis_report("run", verdict)
+    text = text_of(document)
+
+    assert "UNKNOWN: closest, not found: jump_within_pair" in text
+    assert "Not explained: field_that_grows is significant in the residual of the maps, logarithm of its Bayes factor 21.0." in text
+    assert "still not noise: test over space, p = 1e-09, 0.0200 px rms." in text
+    assert "none of them found, with the share of the gap that each closes alone: stage_yaw (31 %)." in text
+    assert "first_frame | 7 |" in text
+    assert "1 jump_within_pair (closest, not found)" in [section.title for section in document.sections]
 
 
 def test_maps_are_in_micrometres_and_bounded(document: Document) -> None:

@@ -83,6 +83,7 @@ JUMP_WITHIN_PAIR = EffectClass(
     discriminating_experiment="a third frame in the pair",
     sizes_px=(0.003, 10.0),
     recurrence=Recurrence.ONE_TIME,
+    discrete_parameters=("first_frame",),
 )
 
 
