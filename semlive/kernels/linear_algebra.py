@@ -61,6 +61,15 @@ def cholesky(matrix: Matrix) -> Matrix:
     return _factor_in_place(np.array(matrix, dtype=np.float64, order="F"))
 
 
+def cholesky_in_place(symmetric: Matrix) -> Matrix:
+    """Lower Cholesky factor of a symmetric matrix in C order, in its memory: the matrix is overwritten.
+
+    Raises:
+        LinAlgError: the matrix is not finite or not positive definite.
+    """
+    return _factor_in_place(np.ascontiguousarray(symmetric).T)
+
+
 def _factor_in_place(lower: Matrix) -> Matrix:
     """Factor of a matrix in Fortran order, in its memory, with zeros above the diagonal."""
     if not lower.size:

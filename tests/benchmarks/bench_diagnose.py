@@ -118,6 +118,8 @@ def judge(observation: Observation, dictionary: Sequence[EffectClass] = EFFECT_C
         "parameters": {entry.name: {item.name: [item.value, item.sigma] for item in entry.parameters} for entry in found.effects},
         "loudest": max((odds for _, odds in found.evidence), default=None),
         "closure_told": None if found.gap is None else found.gap.closure,
+        "adequacy": None if found.adequacy is None else [found.adequacy.domain, found.adequacy.p_value],
+        "unexplained": [reason.text for reason in found.unexplained],
         "cpu_s": time.process_time() - begin,
     }
 

@@ -28,7 +28,7 @@ from semlive.service.diagnosis.run import diagnose_log
 from semlive.service.diagnosis.verdict_json import diagnosis_json
 from semlive.service.log.opened_log import OpenedLog
 from semlive.service.log.pairs import first_frame
-from semlive.service.runtime.memory import single_arena_small_blocks
+from semlive.service.runtime.memory import single_arena_for_matrices
 
 _OUTCOME_TEXTS = {
     Outcome.NONE: "no effect is missing that these data could show",
@@ -63,7 +63,7 @@ def diagnose(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find where model and data disagree, identify the missing effect, and show how much of the gap it closes."""
-    single_arena_small_blocks()
+    single_arena_for_matrices()
     if out is not None:
         regular_output_file(out, "--out")
     if page is not None:

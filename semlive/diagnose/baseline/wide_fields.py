@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from semlive.diagnose.baseline.projection import WhitenedColumns
 from semlive.estimate.joint.elimination.arrowhead import ComponentBlocks
-from semlive.kernels.linear_algebra import cholesky, forward_substitution
+from semlive.kernels.linear_algebra import cholesky, cholesky_in_place, forward_substitution
 
 Array = NDArray[np.float64]
 MIN_COLUMNS = 64  # eigenvectors of fewer are as fast
@@ -72,7 +72,7 @@ def _log_factor(sides: list[tuple[Array, Array]], shared: int, size_px: float) -
     for information, right in sides:
         scaled = size_px**2 * information
         np.einsum("ii->i", scaled)[...] += 1.0
-        low = cholesky(scaled)
+        low = cholesky_in_place(scaled)
         solved = forward_substitution(low, size_px * right)
         volume += float(np.sum(np.log(np.diag(low))))
         products += solved.T @ solved

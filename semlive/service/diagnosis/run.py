@@ -81,7 +81,8 @@ def diagnose_log(
     channel_effects = [effect for channel in (rows, waves) if isinstance(channel, RowDiagnosis) for effect in channel.effects]
     modelled_hz = wave_frequencies_hz([*model_effects, *(effect.model_effect for effect in channel_effects)])
     of_maps = observable_effects(observation, [effect for effect in model_effects if non_map_effect(effect.name) is None])
-    verdict = diagnose(observation, seed, model_effects=of_maps, modelled_hz=modelled_hz)
+    image_effects = bool(channel_effects) or any(row_effect(effect.name) is not None for effect in model_effects)
+    verdict = diagnose(observation, seed, model_effects=of_maps, modelled_hz=modelled_hz, image_effects=image_effects)
     extent = replace(verdict.run, pairs=(len(steps), max(pair_count(log.path), len(steps))))
     verdict = replace(verdict, model_effects=tuple(model_effects), run=extent)
     verdict = add_stage_evidence(verdict, stage_moves(observation, steps))

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, solve_triangular
 
-from semlive.kernels.linear_algebra import cholesky, cholesky_of_rows, forward_substitution
+from semlive.kernels.linear_algebra import cholesky, cholesky_in_place, cholesky_of_rows, forward_substitution
 
 
 def positive_definite(size: int) -> NDArray[np.float64]:
@@ -25,6 +25,14 @@ def test_a_factor_is_that_of_numpy_and_only_the_lower_triangle_is_read(size: int
         given[upper] = np.nan
         np.testing.assert_allclose(cholesky(given), expected, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(cholesky_of_rows(given, np.arange(size)), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_symmetric_matrix_is_factorised_in_its_memory() -> None:
+    matrix = positive_definite(90)
+    given = matrix.copy()
+    factor = cholesky_in_place(given)
+    np.testing.assert_allclose(factor, np.linalg.cholesky(matrix), rtol=1e-12, atol=1e-12)
+    assert np.shares_memory(factor, given)
 
 
 def test_a_block_is_factorised_with_its_diagonal_scaled() -> None:
