@@ -103,7 +103,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
 
 def _not_explained(diagnosis: Diagnosis) -> tuple[Block, ...]:
     """What the effects do not explain, and the closest effects of an UNKNOWN; empty if there is nothing."""
-    lines = [f"Not explained: {reason.text}." for reason in diagnosis.unexplained]
+    lines = [f"Not explained: {reason.text}." for reason in diagnosis.further_misfit]
     test = diagnosis.adequacy
     if test is not None and not test.passed:
         lines.append(

@@ -103,7 +103,7 @@ def _print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     found = diagnosis.outcome is not Outcome.UNKNOWN
     for effect in diagnosis.effects:
         console.print(_effect_table(effect, found))
-    for reason in diagnosis.unexplained:
+    for reason in diagnosis.further_misfit:
         console.print(f"not explained: {reason.text}")
     if diagnosis.closest:
         shares = ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in diagnosis.closest)

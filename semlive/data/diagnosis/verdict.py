@@ -270,3 +270,9 @@ class Diagnosis:
     closest: tuple[tuple[str, float], ...] = ()
     outside: OutsideTest | None = None
     unexplained: tuple[MisfitReason, ...] = ()
+
+    @property
+    def further_misfit(self) -> tuple[MisfitReason, ...]:
+        """Criteria that failed, without the one that `adequacy` states with more detail."""
+        domain = None if self.adequacy is None or self.adequacy.passed else self.adequacy.domain
+        return tuple(reason for reason in self.unexplained if domain not in (reason.name, reason.criterion.value))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,7 +100,7 @@ def test_an_unknown_states_what_failed_and_that_its_effects_are_not_found() -> N
     reason = MisfitReason(MisfitCriterion.RESIDUAL, "field_that_grows", 21.04)
     verdict = Diagnosis(
         Outcome.UNKNOWN, (effect,), (), None, None, None, (), 0.01, adequacy=AdequacyTest("space", 1e-9, 0.02, 0.01),
-        closest=(("stage_yaw", 0.314),), unexplained=(reason,),
+        closest=(("stage_yaw", 0.314),), unexplained=(reason, MisfitReason(MisfitCriterion.TIME_COURSE, value=9.0), MisfitReason(MisfitCriterion.ADEQUACY, "space", 1e-9)),
     )  # fmt: skip
     document = diagnosis_report("run", verdict)
     text = text_of(document)
@@ -106,6 +108,8 @@ def test_an_unknown_states_what_failed_and_that_its_effects_are_not_found() -> N
     assert "UNKNOWN: closest, not found: jump_within_pair" in text
     assert "Not explained: field_that_grows is significant in the residual of the maps, logarithm of its Bayes factor 21.0." in text
     assert "still not noise: test over space, p = 1e-09, 0.0200 px rms." in text
+    assert text.count("not noise") == 1
+    assert "Not explained: the time course differs" in text_of(diagnosis_report("run", replace(verdict, adequacy=None)))
     assert "none of them found, with the share of the gap that each closes alone: stage_yaw (31 %)." in text
     assert "first_frame | 7 |" in text
     assert "1 jump_within_pair (closest, not found)" in [section.title for section in document.sections]
