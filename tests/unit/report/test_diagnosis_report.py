@@ -97,10 +97,14 @@ def test_the_text_states_verdict_parameters_and_limits(document: Document) -> No
 def test_an_unknown_states_what_failed_and_that_its_effects_are_not_found() -> None:
     jump = ParameterEstimate("first_frame", 7.0, 0.0, "")
     effect = IdentifiedEffect("jump_within_pair", (jump,), 0.25, 55.0, 0.003, False, ModelEffect("jump_within_pair", (), 0.1))
-    reason = MisfitReason(MisfitCriterion.RESIDUAL, "field_that_grows", 21.04)
+    reasons = (
+        MisfitReason(MisfitCriterion.RESIDUAL, "field_that_grows", 21.04),
+        MisfitReason(MisfitCriterion.TIME_COURSE, value=9.0),
+        MisfitReason(MisfitCriterion.ADEQUACY, "space", 1e-9),
+    )
     verdict = Diagnosis(
         Outcome.UNKNOWN, (effect,), (), None, None, None, (), 0.01, adequacy=AdequacyTest("space", 1e-9, 0.02, 0.01),
-        closest=(("stage_yaw", 0.314),), unexplained=(reason, MisfitReason(MisfitCriterion.TIME_COURSE, value=9.0), MisfitReason(MisfitCriterion.ADEQUACY, "space", 1e-9)),
+        closest=(("stage_yaw", 0.314),), unexplained=reasons,
     )  # fmt: skip
     document = diagnosis_report("run", verdict)
     text = text_of(document)
